@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* A plane: a borrowed view of h rows of w floats. It never owns memory. */
+#ifndef GD_PLANE_H
+#define GD_PLANE_H
+
+#include <stddef.h>
+
+struct gd_plane {
+	float *v;
+	int w, h;
+	size_t stride;	/* floats from one row to the next, >= w */
+};
+
+/* Floats between rows for width w: a multiple of 16 (64 bytes) that is not a multiple of 1024. */
+size_t gd_stride(int w);
+
+static inline float *gd_row(struct gd_plane p, int y)
+{
+	return p.v + (size_t)y * p.stride;
+}
+
+static inline struct gd_plane gd_plane_of(float *v, int w, int h)
+{
+	return (struct gd_plane){ v, w, h, gd_stride(w) };
+}
+
+#endif
