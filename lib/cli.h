@@ -42,7 +42,9 @@ struct gd_cmd {
 	const char *summary;		/* one line, lower case, no full stop */
 	const struct gd_opt *opts;	/* ended by GD_OPT_END; the common ones come by themselves */
 	int min_operands, max_operands;	/* max < 0: any number */
-	bool filter;			/* [input [output]] with -o, --compression, --part: an EXR filter */
+	/* An EXR filter: [input [output]] with -o, --compression, --part. With max_operands < 0 all
+	 * operands are inputs, and only -o names the output. */
+	bool filter;
 };
 
 /* One run of a tool: the common options, and what becomes of it. { 0 } before gd_cli_parse(). */
@@ -61,12 +63,17 @@ struct gd_cli {
 	struct gd_report report;	/* hand this to the library */
 	struct gd_stat *stat;		/* collected for --stats */
 	int nstat;
-	bool progress_shown;
-	double progress_start;
+	char *command;			/* the command line, quoted for a shell */
+	bool progress_shown;		/* a progress line stands on the terminal */
+	double progress_time;		/* when it was drawn */
 	bool limit_missed;		/* set it: exit status 1 */
 };
 
-/* Parses options and operands (in any order), sets the threads. Leaves on -h, --version and usage errors. */
+/*
+ * Parses options and operands (in any order), sets the threads. Leaves on -h, --version and usage
+ * errors; a filter that would write to a terminal is one. An option of the tool's own takes the
+ * place of a common one with the same letter or name. cmd and its targets must outlive cli.
+ */
 void gd_cli_parse(struct gd_cli *cli, const struct gd_cmd *cmd, int argc, char **argv);
 
 /* Opens an EXR operand ("-": standard input, refused from a terminal), taking --part into account. */
@@ -76,8 +83,9 @@ int gd_cli_open(struct gd_cli *cli, struct gd_exr **file, struct gd_image *im, c
 int gd_cli_load(struct gd_cli *cli, struct gd_exr *file, struct gd_image *im, struct gd_err *err);
 
 /*
- * Signs the image (command line into gd:history, wall seconds of this run without I/O into
- * gd:seconds.<tool>) and writes it to cli->output.
+ * Signs the image and writes it to cli->output: a line with the command is added to gd:history, the
+ * wall seconds of this run without I/O to gd:seconds.<tool>. With the environment variable
+ * SOURCE_DATE_EPOCH set no seconds are written, so that the same input gives the same file.
  */
 int gd_cli_write(struct gd_cli *cli, struct gd_image *im, struct gd_err *err);
 
@@ -88,7 +96,11 @@ void gd_cli_stat_text(struct gd_cli *cli, const char *name, const char *value);
 /* A warning line on stderr unless -q. */
 void gd_cli_warn(struct gd_cli *cli, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/* Prints the error (if any), writes --stats, frees cli's memory and returns the exit status. */
+/*
+ * Prints the error (if any), checks standard output, writes --stats, frees cli's memory and returns
+ * the exit status: 0 done, 1 done but cli->limit_missed, 2 not done (without a word if the reader of
+ * our output has gone). A filter's GD_ESHAPE and GD_ENUMERIC texts get the input's name in front.
+ */
 int gd_cli_finish(struct gd_cli *cli, int rc, const struct gd_err *err);
 
 #endif
