@@ -13,7 +13,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "isa.h"
@@ -22,10 +21,6 @@
 #define LONG_KEY	1000	/* long options are numbered from here */
 #define HELP_COLUMN	30
 #define HELP_WIDTH	96
-
-struct gd_stat {
-	char *name, *text;	/* text: ready JSON */
-};
 
 /* What is parsed: the tool's own options first, then the common ones it does not replace. */
 struct table {
@@ -491,6 +486,11 @@ void gd_cli_parse(struct gd_cli *cli, const struct gd_cmd *cmd, int argc, char *
 	omp_set_dynamic(0);
 	omp_set_num_threads(cli->threads);
 	cli->report = (struct gd_report){ on_note, on_progress, cli };
+	gd_cli_stat_text(cli, "tool", cmd->name);
+	gd_cli_stat_text(cli, "version", GD_VERSION);
+	gd_cli_stat_text(cli, "command", cli->command);
+	gd_cli_stat(cli, "threads", cli->threads);
+	gd_cli_stat_text(cli, "isa", gd_isa_name());
 }
 
 int gd_cli_open(struct gd_cli *cli, struct gd_exr **file, struct gd_image *im, const char *path,
@@ -560,131 +560,33 @@ int gd_cli_write(struct gd_cli *cli, struct gd_image *im, struct gd_err *err)
 	return rc;
 }
 
-/* ---- --stats ---- */
-
-static void add_stat(struct gd_cli *cli, const char *name, char *json)
-{
-	struct gd_stat *s = realloc(cli->stat, (size_t)(cli->nstat + 1) * sizeof *s);
-
-	cli->stat = or_leave(cli->cmd->name, s);
-	s[cli->nstat].name = or_leave(cli->cmd->name, strdup(name));
-	s[cli->nstat++].text = or_leave(cli->cmd->name, json);
-}
-
-/* The shortest of the usual precisions that reads back as the same number; null if not finite. */
-static void json_number(char text[32], double v)
-{
-	snprintf(text, 32, "null");
-	for (int digits = 6; isfinite(v) && digits <= 17; digits++) {
-		snprintf(text, 32, "%.*g", digits, v);
-		if (strtod(text, NULL) == v)
-			break;
-	}
-}
-
-static char *json_string(const char *s)
-{
-	char *text = malloc(6 * strlen(s) + 3), *p = text;
-
-	if (!text)
-		return NULL;
-	*p++ = '"';
-	for (; *s; s++) {
-		if (*s == '"' || *s == '\\')
-			p += sprintf(p, "\\%c", *s);
-		else if ((unsigned char)*s < 0x20)
-			p += sprintf(p, "\\u%04x", *s);
-		else
-			*p++ = *s;
-	}
-	strcpy(p, "\"");
-	return text;
-}
+/* ---- the end ---- */
 
 void gd_cli_stat(struct gd_cli *cli, const char *name, double value)
 {
-	char text[32];
-
-	json_number(text, value);
-	add_stat(cli, name, strdup(text));
+	if (gd_json_add_number(&cli->figures, name, value) != GD_OK)
+		or_leave(cli->cmd->name, NULL);
 }
 
 void gd_cli_stat_text(struct gd_cli *cli, const char *name, const char *value)
 {
-	add_stat(cli, name, json_string(value));
+	if (gd_json_add_text(&cli->figures, name, value) != GD_OK)
+		or_leave(cli->cmd->name, NULL);
 }
 
-static void print_stats(struct gd_cli *cli, FILE *f)
+static int save_stats(struct gd_cli *cli, int status, const char *message)
 {
-	fputc('{', f);
-	for (int i = 0; i < cli->nstat; i++) {
-		char *key = json_string(cli->stat[i].name);
+	struct gd_err err = { 0 };
 
-		fprintf(f, "%s%s: %s", i ? ", " : "", key ? key : "\"\"", cli->stat[i].text);
-		free(key);
-	}
-	fputs("}\n", f);
-}
-
-/* Under a temporary name first, so that no one reads half of it; devices and pipes are written straight. */
-static int save_stats(struct gd_cli *cli)
-{
-	size_t size = strlen(cli->stats) + 16;
-	char *temp = or_leave(cli->cmd->name, malloc(size));
-	struct stat st;
-	bool direct = !stat(cli->stats, &st) && !S_ISREG(st.st_mode);
-	FILE *f;
-	int fd, bad, saved;
-
-	snprintf(temp, size, "%s%s", cli->stats, direct ? "" : ".XXXXXX");
-	fd = direct ? open(temp, O_WRONLY) : mkstemp(temp);
-	if (fd >= 0 && !direct) {
-		mode_t mask = umask(0);
-
-		umask(mask);
-		(void)!fchmod(fd, 0666 & ~mask);
-	}
-	f = fd >= 0 ? fdopen(fd, "w") : NULL;
-	if (f)
-		print_stats(cli, f);
-	bad = !f || fflush(f) || ferror(f);
-	saved = errno;
-	if (f && fclose(f) && !bad) {
-		bad = 1;
-		saved = errno;
-	}
-	if (!bad && !direct && rename(temp, cli->stats)) {
-		bad = 1;
-		saved = errno;
-	}
-	if (bad && fd >= 0 && !direct)
-		unlink(temp);
-	free(temp);
-	errno = saved;
-	return bad;
-}
-
-/* The figures every tool has, in front of its own. */
-static void common_stats(struct gd_cli *cli, int status, const char *message)
-{
-	int own = cli->nstat;
-
-	gd_cli_stat_text(cli, "tool", cli->cmd->name);
-	gd_cli_stat_text(cli, "version", GD_VERSION);
-	gd_cli_stat_text(cli, "command", cli->command);
 	gd_cli_stat(cli, "status", status);
-	if (message)
+	if (*message)
 		gd_cli_stat_text(cli, "error", message);
 	gd_cli_stat(cli, "seconds", gd_seconds() - cli->start);
 	gd_cli_stat(cli, "io_seconds", cli->io_seconds);
-	gd_cli_stat(cli, "threads", cli->threads);
-	gd_cli_stat_text(cli, "isa", gd_isa_name());
-	for (int moved = cli->nstat - own; moved > 0; moved--) {
-		struct gd_stat last = cli->stat[cli->nstat - 1];
-
-		memmove(cli->stat + 1, cli->stat, (size_t)(cli->nstat - 1) * sizeof last);
-		cli->stat[0] = last;
-	}
+	if (gd_json_save(&cli->figures, cli->stats, &err) == GD_OK)
+		return status;
+	fprintf(stderr, "%s: %s\n", cli->cmd->name, err.text);
+	return 2;
 }
 
 static void release(struct gd_cli *cli)
@@ -696,15 +598,9 @@ static void release(struct gd_cli *cli)
 			free(list->v);
 			*list = (struct gd_list){ 0 };
 		}
-	for (int i = 0; i < cli->nstat; i++) {
-		free(cli->stat[i].name);
-		free(cli->stat[i].text);
-	}
-	free(cli->stat);
+	gd_json_free(&cli->figures);
 	free(cli->command);
-	cli->stat = NULL;
 	cli->command = NULL;
-	cli->nstat = 0;
 }
 
 /* "in.exr: no channel dx.R": the library knows the channel, the command line knows the file. */
@@ -732,13 +628,8 @@ int gd_cli_finish(struct gd_cli *cli, int rc, const struct gd_err *err)
 		status = 2;
 	gd_note(&cli->report, "%.3f s in all, %.3f s of it reading and writing; %d threads, %s",
 		gd_seconds() - cli->start, cli->io_seconds, cli->threads, gd_isa_name());
-	if (cli->stats) {
-		common_stats(cli, status, rc != GD_OK ? text : NULL);
-		if (save_stats(cli)) {
-			fprintf(stderr, "%s: %s: %s\n", tool, cli->stats, strerror(errno));
-			status = 2;
-		}
-	}
+	if (cli->stats)
+		status = save_stats(cli, status, text);
 	release(cli);
 	return status;
 }

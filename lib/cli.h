@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "exr.h"
+#include "json.h"
 
 enum gd_opt_kind { GD_OPT_FLAG, GD_OPT_INT, GD_OPT_DOUBLE, GD_OPT_STRING, GD_OPT_LIST, GD_OPT_U64 };
 
@@ -61,8 +62,7 @@ struct gd_cli {
 	double start;			/* gd_seconds() at the start */
 	double io_seconds;		/* of that, reading and writing */
 	struct gd_report report;	/* hand this to the library */
-	struct gd_stat *stat;		/* collected for --stats */
-	int nstat;
+	struct gd_json figures;		/* collected for --stats */
 	char *command;			/* the command line, quoted for a shell */
 	bool progress_shown;		/* a progress line stands on the terminal */
 	double progress_time;		/* when it was drawn */
