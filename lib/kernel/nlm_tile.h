@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Between nlm.c and its kernels: one tile of the image with the pixels around it that it needs. */
+#ifndef GD_NLM_TILE_H
+#define GD_NLM_TILE_H
+
+#include "isa.h"
+#include "nlm.h"
+
+#define GD_NLM_FAR	1e4f	/* distances of pixels are cut here: exp(-1e4 / 49) is 0 already */
+#define GD_NLM_LIMIT	1e15f	/* guides are cut here, in their own standard deviations, so that
+				 * squares stay far below the largest float */
+
+#define GD_NLM_BAD	1
+#define GD_NLM_HUGE	2
+#define GD_NLM_ROOM	1e33f	/* above: 65 x 65 values could add up to more than the largest float */
+
+/* Every pointer to pixels is that of the tile's first pixel, rows are stride floats apart. */
+struct gd_nlm_tile {
+	int w, h;			/* pixels to filter */
+	int left, right, top, bottom;	/* the image is left <= x < right, top <= y < bottom */
+	int patch, window, nguide, n;
+	size_t stride;
+	float k2, eps[GD_NLM_PLANES];
+	float *guide[GD_NLM_PLANES], *guide_var[GD_NLM_PLANES];	/* patch + window more pixels around */
+	float *in[GD_NLM_PLANES], *in_var[GD_NLM_PLANES];	/* window more pixels around; the
+								 * variances may be NULL */
+	float *sum[GD_NLM_PLANES], *sum_var[GD_NLM_PLANES];	/* w x h, sums of weighted values */
+	float *sum_weight;
+	float *dist, *ring, *weight, *share;	/* scratch rows: 1, 2 patch + 1, 1 and 1 */
+};
+
+struct gd_nlm_kernel {
+	/* to = scale * scale2 * from, cut to lo .. hi; returns GD_NLM_BAD if a value is not finite,
+	 * with GD_NLM_HUGE if one is so large that sums could overflow. */
+	int (*load)(float *to, const float *from, int n, float scale, float scale2, float lo, float hi);
+	/* Zeroes the sums and adds up all shifts of the window. */
+	void (*sums)(const struct gd_nlm_tile *t);
+	/* out = scale (centre + sum / weight) */
+	void (*mean)(const struct gd_nlm_tile *t, int plane, int y, float scale, float *out);
+	/* out_var = scale sum_var / weight^2 */
+	void (*mean_var)(const struct gd_nlm_tile *t, int plane, int y, float scale, float *out_var);
+};
+
+GD_KERNEL_TABLE(struct gd_nlm_kernel, gd_nlm_kernel);
+
+#endif

@@ -1,0 +1,480 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The image is cut into tiles that fit, with the pixels around them, into the second-level cache;
+ * there nlm_tile.c runs through all shifts of the window. Here: scales, tiles, hygiene.
+ */
+#include "nlm.h"
+
+#include <float.h>
+#include <math.h>
+#include <omp.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "kernel/nlm_tile.h"
+
+#define TILE_W 128
+#define TILE_H 32
+#define BATCH 256	/* tiles between two reports of progress */
+#define BUCKETS 65536
+
+/* How a plane goes into a tile: multiplied by the two powers of two, then cut. */
+struct scaling {
+	float by, by2, lo, hi;
+};
+
+struct run {
+	const struct gd_nlm_job *job;
+	const struct gd_nlm_conf *conf;
+	const struct gd_nlm_kernel *kernel;
+	int w, h, across, down;		/* pixels; tiles */
+	struct scaling guide[GD_NLM_PLANES], guide_var[GD_NLM_PLANES];
+	float eps[GD_NLM_PLANES];
+	size_t stride;			/* floats per row of a tile with what is around it */
+};
+
+/* Floats as integers of the same order. */
+static uint32_t key_of(float x)
+{
+	uint32_t i;
+
+	memcpy(&i, &x, sizeof i);
+	return i ^ ((i >> 31) ? 0xffffffffu : 0x80000000u);
+}
+
+static float float_of(uint32_t key)
+{
+	uint32_t i = key ^ ((key >> 31) ? 0x80000000u : 0xffffffffu);
+	float x;
+
+	memcpy(&x, &i, sizeof x);
+	return x;
+}
+
+/* Finds the bucket of rank *rank and makes the rank that inside the bucket. */
+static uint32_t bucket_of(const uint32_t *count, uint64_t *rank)
+{
+	uint32_t b = 0;
+
+	while (b < BUCKETS - 1 && *rank >= count[b])
+		*rank -= count[b++];
+	return b;
+}
+
+/*
+ * The values of p whose ranks are at 1 % and 99 % of all finite ones other than skip (NaN: none),
+ * exactly, by counting twice 16 bits of the keys. Returns how many there are; 0: none.
+ */
+static uint64_t percentiles(struct gd_plane p, float skip, uint32_t *count, float edge[2])
+{
+	uint32_t *low[2] = { count + BUCKETS, count + 2 * BUCKETS }, high[2];
+	uint64_t rank[2], n = 0;
+
+	memset(count, 0, 3 * BUCKETS * sizeof *count);
+	for (int y = 0; y < p.h; y++) {
+		const float *row = gd_row(p, y);
+
+		for (int x = 0; x < p.w; x++)
+			if (isfinite(row[x]) && row[x] != skip) {
+				count[key_of(row[x]) >> 16]++;
+				n++;
+			}
+	}
+	if (!n)
+		return 0;
+	rank[1] = n > 2 ? (uint64_t)(0.99 * (double)(n - 1)) : n - 1;
+	rank[0] = n - 1 - rank[1];
+	for (int i = 0; i < 2; i++)
+		high[i] = bucket_of(count, &rank[i]);
+	for (int y = 0; y < p.h; y++) {
+		const float *row = gd_row(p, y);
+
+		for (int x = 0; x < p.w; x++) {
+			uint32_t key = key_of(row[x]);
+
+			for (int i = 0; i < 2; i++)
+				if (key >> 16 == high[i] && row[x] != skip)
+					low[i][key & 0xffff]++;
+		}
+	}
+	for (int i = 0; i < 2; i++)
+		edge[i] = float_of(high[i] << 16 | bucket_of(low[i], &rank[i]));
+	return n;
+}
+
+/* Mean of the finite values of p, each first cut to lo .. hi; their variance in *var. */
+static double moments(struct gd_plane p, double lo, double hi, double *var)
+{
+	double sum = 0.0, square = 0.0, n = 0.0, middle = 0.5 * (lo + hi);
+
+	for (int y = 0; y < p.h; y++) {
+		const float *row = gd_row(p, y);
+
+		for (int x = 0; x < p.w; x++) {
+			double d = fmin(fmax(row[x], lo), hi) - middle;
+
+			if (!isfinite(row[x]))
+				continue;
+			sum += d;
+			square += d * d;
+			n += 1.0;
+		}
+	}
+	if (n > 0.0) {
+		sum /= n;
+		square = fmax(square / n - sum * sum, 0.0);
+	}
+	*var = square;
+	return n > 0.0 ? middle + sum : 0.0;
+}
+
+/*
+ * Variance of the plane between its percentiles; where these coincide (most of the image black),
+ * between those of the rest; where there is no rest, the mean of the noise variance.
+ */
+static double spread(struct gd_plane p, struct gd_plane noise, uint32_t *count)
+{
+	float edge[2] = { 0.0f, 0.0f };
+	double var = 0.0;
+
+	if (percentiles(p, NAN, count, edge) && edge[0] == edge[1])
+		percentiles(p, edge[0], count, edge);
+	if (edge[0] < edge[1])
+		moments(p, edge[0], edge[1], &var);
+	if (var <= 0.0 && noise.v)
+		return moments(noise, 0.0, FLT_MAX, &var);
+	return var;
+}
+
+/* Multiplication by 2^e in two steps, each of which is a normal float. */
+static struct scaling scaling_of(int e, float lo, float hi)
+{
+	return (struct scaling){ ldexpf(1.0f, e / 2), ldexpf(1.0f, e - e / 2), lo, hi };
+}
+
+static void scale_guide(struct run *r, int c, double var)
+{
+	int e = var > 0.0 ? -(int)lrint(0.5 * log2(var)) : 0;
+
+	r->guide[c] = scaling_of(e, -GD_NLM_LIMIT, GD_NLM_LIMIT);
+	r->guide_var[c] = scaling_of(2 * e, 0.0f, GD_NLM_LIMIT * GD_NLM_LIMIT);
+	r->eps[c] = (float)(var > 0.0 ? r->conf->eps * ldexp(var, 2 * e) : r->conf->eps);
+}
+
+static int scale_guides(struct run *r, struct gd_err *err)
+{
+	const int n = r->job->nguide;
+	int lost = 0;
+
+#pragma omp parallel for schedule(dynamic) reduction(| : lost)
+	for (int c = 0; c < n; c++) {
+		uint32_t *count = gd_alloc(3 * BUCKETS, sizeof *count);
+
+		if (count)
+			scale_guide(r, c, spread(r->job->guide[c], r->job->guide_var[c], count));
+		else
+			lost |= 1;
+		free(count);
+	}
+	return lost ? gd_fail(err, GD_ENOMEM, "non-local means: out of memory") : GD_OK;
+}
+
+/* The median of the finite values around a pixel (of two: their mean), 0 if there are none. */
+static float median_around(struct gd_plane p, int x, int y)
+{
+	float v[8];
+	int n = 0;
+
+	for (int j = y - 1; j <= y + 1; j++)
+		for (int i = x - 1; i <= x + 1; i++) {
+			if (i < 0 || j < 0 || i >= p.w || j >= p.h || !isfinite(gd_row(p, j)[i]))
+				continue;
+
+			float a = gd_row(p, j)[i];
+			int at = n++;
+
+			for (; at > 0 && v[at - 1] > a; at--)
+				v[at] = v[at - 1];
+			v[at] = a;
+		}
+	return n ? 0.5f * v[(n - 1) / 2] + 0.5f * v[n / 2] : 0.0f;
+}
+
+/* The largest variance (not NaN) around a pixel. */
+static float largest_around(struct gd_plane p, int x, int y)
+{
+	float most = 0.0f;
+
+	for (int j = y > 0 ? y - 1 : 0; j <= y + 1 && j < p.h; j++)
+		for (int i = x > 0 ? x - 1 : 0; i <= x + 1 && i < p.w; i++)
+			if (!(i == x && j == y) && gd_row(p, j)[i] > most)
+				most = gd_row(p, j)[i];
+	return most;
+}
+
+static float scaled(float x, const struct scaling *s)
+{
+	float y = x * s->by * s->by2;
+
+	y = y > s->lo ? y : s->lo;
+	return y < s->hi ? y : s->hi;
+}
+
+/* A rectangle of pixels around the tile, and where it begins in the image. */
+struct region {
+	int x, y;			/* of the tile in the image */
+	int x0, x1, y0, y1;		/* relative to the tile */
+};
+
+static struct region region_of(const struct gd_nlm_tile *t, int halo)
+{
+	struct region g = { -t->left, -t->top, -halo, t->w + halo, -halo, t->h + halo };
+
+	g.x0 = g.x0 > t->left ? g.x0 : t->left;
+	g.x1 = g.x1 < t->right ? g.x1 : t->right;
+	g.y0 = g.y0 > t->top ? g.y0 : t->top;
+	g.y1 = g.y1 < t->bottom ? g.y1 : t->bottom;
+	return g;
+}
+
+static int load_plane(const struct run *r, const struct region *g, float *to, struct gd_plane from,
+		      const struct scaling *s)
+{
+	int found = 0;
+
+	for (int y = g->y0; y < g->y1; y++) {
+		float *row = to + y * (ptrdiff_t)r->stride + g->x0;
+
+		if (from.v)
+			found |= r->kernel->load(row, gd_row(from, g->y + y) + g->x + g->x0,
+						 g->x1 - g->x0, s->by, s->by2, s->lo, s->hi);
+		else
+			memset(row, 0, (size_t)(g->x1 - g->x0) * sizeof *row);
+	}
+	return found;
+}
+
+/* Replaces values that are not finite, and their variances, and variances that are NaN. */
+static void mend(const struct run *r, const struct region *g, float *to, float *to_var,
+		 struct gd_plane from, struct gd_plane var, const struct scaling *s,
+		 const struct scaling *s_var)
+{
+	for (int y = g->y0; y < g->y1; y++)
+		for (int x = g->x0; x < g->x1; x++) {
+			ptrdiff_t at = y * (ptrdiff_t)r->stride + x;
+			bool bad = !isfinite(gd_row(from, g->y + y)[g->x + x]);
+
+			if (bad)
+				to[at] = scaled(median_around(from, g->x + x, g->y + y), s);
+			if (var.v && (bad || isnan(gd_row(var, g->y + y)[g->x + x])))
+				to_var[at] = scaled(largest_around(var, g->x + x, g->y + y), s_var);
+		}
+}
+
+static void load_guide(const struct run *r, const struct gd_nlm_tile *t, int c)
+{
+	const struct gd_plane from = r->job->guide[c], var = r->job->guide_var[c];
+	struct region g = region_of(t, t->patch + t->window);
+	int found = load_plane(r, &g, t->guide[c], from, &r->guide[c]) |
+		    load_plane(r, &g, t->guide_var[c], var, &r->guide_var[c]);
+
+	if (found & GD_NLM_BAD)
+		mend(r, &g, t->guide[c], t->guide_var[c], from, var, &r->guide[c], &r->guide_var[c]);
+}
+
+/* Returns the power of two by which values and variances were multiplied for want of room. */
+static int load_input(const struct run *r, const struct gd_nlm_tile *t, int c)
+{
+	const struct gd_plane none = { 0 }, from = r->job->in[c];
+	const struct gd_plane var = t->in_var[c] ? r->job->in_var[c] : none;
+	struct region g = region_of(t, t->window);
+	int e = 0, found;
+
+	for (;;) {
+		struct scaling s = { ldexpf(1.0f, e), 1.0f, -FLT_MAX, FLT_MAX };
+		struct scaling s_var = { ldexpf(1.0f, e), 1.0f, 0.0f, ldexpf(FLT_MAX, e) };
+
+		found = load_plane(r, &g, t->in[c], from, &s);
+		if (t->in_var[c])
+			found |= load_plane(r, &g, t->in_var[c], var, &s_var);
+		if (found & GD_NLM_BAD)
+			mend(r, &g, t->in[c], t->in_var[c], from, var, &s, &s_var);
+		if (!(found & GD_NLM_HUGE) || e < 0)
+			return e;
+		e = -20;
+	}
+}
+
+/* Rows of floats that lay_out() hands out. */
+static size_t work_rows(const struct run *r)
+{
+	const size_t f = (size_t)r->conf->patch, reach = (size_t)r->conf->window;
+	const size_t inputs = (size_t)r->job->n * (r->job->out_var ? 2 : 1);
+
+	return 2 * (size_t)r->job->nguide * (TILE_H + 2 * (f + reach)) +
+	       inputs * (2 * TILE_H + 2 * reach) + TILE_H + 2 * f + 4;
+}
+
+/* The next rows of the work space; the pointer is that of the first pixel below the rows above. */
+static float *rows_of(const struct run *r, float **work, size_t rows, size_t above)
+{
+	const size_t reach = (size_t)(r->conf->patch + r->conf->window);
+	float *first = *work + above * r->stride + (reach + 15) / 16 * 16;
+
+	*work += (rows + 2 * above) * r->stride;
+	return first;
+}
+
+/* Lays the tile's arrays out in a thread's work space. */
+static void lay_out(const struct run *r, struct gd_nlm_tile *t, float *work)
+{
+	const size_t f = (size_t)r->conf->patch, reach = (size_t)r->conf->window;
+
+	for (int c = 0; c < r->job->nguide; c++) {
+		t->guide[c] = rows_of(r, &work, TILE_H, f + reach);
+		t->guide_var[c] = rows_of(r, &work, TILE_H, f + reach);
+	}
+	for (int c = 0; c < r->job->n; c++) {
+		t->in[c] = rows_of(r, &work, TILE_H, reach);
+		t->sum[c] = rows_of(r, &work, TILE_H, 0);
+		if (!r->job->out_var)
+			continue;
+		t->in_var[c] = rows_of(r, &work, TILE_H, reach);
+		t->sum_var[c] = rows_of(r, &work, TILE_H, 0);
+	}
+	t->sum_weight = rows_of(r, &work, TILE_H, 0);
+	t->dist = rows_of(r, &work, 1, 0);
+	t->ring = rows_of(r, &work, 2 * f + 1, 0);
+	t->weight = rows_of(r, &work, 1, 0);
+	t->share = rows_of(r, &work, 1, 0);
+}
+
+static void filter_tile(const struct run *r, struct gd_nlm_tile *t, int index)
+{
+	const int x0 = index % r->across * TILE_W, y0 = index / r->across * TILE_H;
+	int e[GD_NLM_PLANES];
+
+	t->w = r->w - x0 < TILE_W ? r->w - x0 : TILE_W;
+	t->h = r->h - y0 < TILE_H ? r->h - y0 : TILE_H;
+	t->left = -x0;
+	t->right = r->w - x0;
+	t->top = -y0;
+	t->bottom = r->h - y0;
+	for (int c = 0; c < t->nguide; c++)
+		load_guide(r, t, c);
+	for (int c = 0; c < t->n; c++)
+		e[c] = load_input(r, t, c);
+	r->kernel->sums(t);
+	for (int c = 0; c < t->n; c++)
+		for (int y = 0; y < t->h; y++) {
+			float scale = ldexpf(1.0f, -e[c]);
+
+			r->kernel->mean(t, c, y, scale, gd_row(r->job->out[c], y0 + y) + x0);
+			if (r->job->out_var)
+				r->kernel->mean_var(t, c, y, scale,
+						    gd_row(r->job->out_var[c], y0 + y) + x0);
+		}
+}
+
+static struct gd_nlm_tile tile_of(const struct run *r)
+{
+	struct gd_nlm_tile t = { .patch = r->conf->patch, .window = r->conf->window,
+				 .nguide = r->job->nguide, .n = r->job->n, .stride = r->stride,
+				 .k2 = (float)(r->conf->k * r->conf->k) };
+
+	memcpy(t.eps, r->eps, sizeof t.eps);
+	return t;
+}
+
+static int filter(const struct run *r, const struct gd_report *report, struct gd_err *err)
+{
+	const int tiles = r->across * r->down, threads = omp_get_max_threads();
+	const size_t need = work_rows(r) * r->stride;
+	float *work = gd_calloc(need, (size_t)threads * sizeof *work);
+
+	if (!work)
+		return gd_fail(err, GD_ENOMEM, "non-local means: no memory for %d threads", threads);
+	for (int first = 0; first < tiles; first += BATCH) {
+		const int end = tiles - first < BATCH ? tiles : first + BATCH;
+
+		gd_progress(report, "filter", (double)first / tiles);
+#pragma omp parallel num_threads(threads)
+		{
+			struct gd_nlm_tile t = tile_of(r);
+
+			lay_out(r, &t, work + need * (size_t)omp_get_thread_num());
+#pragma omp for schedule(dynamic)
+			for (int i = first; i < end; i++)
+				filter_tile(r, &t, i);
+		}
+	}
+	gd_progress(report, "filter", 1.0);
+	free(work);
+	return GD_OK;
+}
+
+static int check_planes(const char *what, const struct gd_plane *p, int n, int w, int h, bool may_lack,
+			struct gd_err *err)
+{
+	for (int c = 0; c < n; c++) {
+		if (!p[c].v && may_lack)
+			continue;
+		if (!p[c].v || p[c].w != w || p[c].h != h)
+			return gd_fail(err, GD_ESHAPE, "non-local means: %s plane %d is %dx%d, expected %dx%d",
+				       what, c, p[c].w, p[c].h, w, h);
+	}
+	return GD_OK;
+}
+
+static int check(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf, struct gd_err *err)
+{
+	int w, h, rc;
+
+	if (job->nguide < 1 || job->nguide > GD_NLM_PLANES || job->n < 1 || job->n > GD_NLM_PLANES)
+		return gd_fail(err, GD_EARG, "non-local means: %d guides and %d inputs, expected 1 to %d",
+			       job->nguide, job->n, GD_NLM_PLANES);
+	if (conf->patch < 0 || conf->patch > 16 || conf->window < 0 || conf->window > 32)
+		return gd_fail(err, GD_EARG,
+			       "non-local means: patch radius %d (0 to 16), window radius %d (0 to 32)",
+			       conf->patch, conf->window);
+	if (!(conf->k >= 0.01 && conf->k <= 100.0) || !(conf->eps >= 1e-12 && conf->eps <= 1.0))
+		return gd_fail(err, GD_EARG, "non-local means: k %g (0.01 to 100), eps %g (1e-12 to 1)",
+			       conf->k, conf->eps);
+	w = job->guide[0].w;
+	h = job->guide[0].h;
+	if (w < 1 || h < 1)
+		return gd_fail(err, GD_ESHAPE, "non-local means: image of %dx%d pixels", w, h);
+	rc = check_planes("guide", job->guide, job->nguide, w, h, false, err);
+	if (rc == GD_OK)
+		rc = check_planes("guide variance", job->guide_var, job->nguide, w, h, true, err);
+	if (rc == GD_OK)
+		rc = check_planes("input", job->in, job->n, w, h, false, err);
+	if (rc == GD_OK)
+		rc = check_planes("output", job->out, job->n, w, h, false, err);
+	if (rc == GD_OK && job->out_var)
+		rc = check_planes("input variance", job->in_var, job->n, w, h, true, err);
+	if (rc == GD_OK && job->out_var)
+		rc = check_planes("output variance", job->out_var, job->n, w, h, false, err);
+	return rc;
+}
+
+int gd_nlm_run(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf,
+	       const struct gd_report *report, struct gd_err *err)
+{
+	struct run r = { .job = job, .conf = conf, .kernel = GD_PICK(gd_nlm_kernel) };
+	int rc = check(job, conf, err);
+
+	if (rc != GD_OK)
+		return rc;
+	r.w = job->guide[0].w;
+	r.h = job->guide[0].h;
+	r.across = (r.w + TILE_W - 1) / TILE_W;
+	r.down = (r.h + TILE_H - 1) / TILE_H;
+	r.stride = TILE_W + 2 * (size_t)((conf->patch + conf->window + 15) / 16 * 16);
+	rc = scale_guides(&r, err);
+	if (rc == GD_OK)
+		rc = filter(&r, report, err);
+	return rc;
+}

@@ -1,0 +1,236 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Non-local means against the formula of nlm.h written down in double, pixel by pixel. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+
+#include "nlm.h"
+
+#define MAX_PLANES 4
+
+/* n planes of w x h with all that a job needs. */
+struct problem {
+	int w, h, nguide, n;
+	struct gd_plane guide[MAX_PLANES], guide_var[MAX_PLANES], in[MAX_PLANES], in_var[MAX_PLANES];
+	struct gd_plane out[MAX_PLANES], out_var[MAX_PLANES];
+	float *block;
+};
+
+static uint32_t state;
+
+static double uniform(void)
+{
+	state = state * 1664525u + 1013904223u;
+	return (double)(state >> 8) / 16777216.0;
+}
+
+static double normal(void)
+{
+	return sqrt(-2.0 * log(1.0 - uniform())) * cos(6.283185307179586 * uniform());
+}
+
+static void build(struct problem *p, int w, int h, int nguide, int n)
+{
+	const size_t size = gd_stride(w) * (size_t)h;
+	struct gd_plane *group[] = { p->guide, p->guide_var, p->in, p->in_var, p->out, p->out_var };
+
+	p->w = w;
+	p->h = h;
+	p->nguide = nguide;
+	p->n = n;
+	p->block = gd_calloc(6 * MAX_PLANES * size, sizeof(float));
+	assert_non_null(p->block);
+	for (int i = 0; i < 6 * MAX_PLANES; i++)
+		group[i / MAX_PLANES][i % MAX_PLANES] = gd_plane_of(p->block + (size_t)i * size, w, h);
+}
+
+/* Edges, a ramp and noise whose variance changes over the image, 0 in some columns. */
+static void fill(struct problem *p, double scale)
+{
+	for (int c = 0; c < MAX_PLANES; c++)
+		for (int y = 0; y < p->h; y++)
+			for (int x = 0; x < p->w; x++) {
+				double truth = (x / 7 + y / 5) % 3 + 0.02 * x + 0.3 * c;
+				double sd = x % 16 == 3 ? 0.0 : 0.1 + 0.2 * (y % 11) / 11.0;
+
+				gd_row(p->guide[c], y)[x] = (float)(scale * (truth + sd * normal()));
+				gd_row(p->guide_var[c], y)[x] = (float)(scale * scale * sd * sd);
+				gd_row(p->in[c], y)[x] = (float)(scale * (truth + sd * normal()));
+				gd_row(p->in_var[c], y)[x] = (float)(scale * scale * sd * sd);
+			}
+}
+
+static int by_value(const void *a, const void *b)
+{
+	double x = *(const double *)a, y = *(const double *)b;
+
+	return (x > y) - (x < y);
+}
+
+/* Variance of the values between the percentiles 1 and 99. */
+static double spread(struct gd_plane p)
+{
+	size_t n = (size_t)p.w * (size_t)p.h;
+	double *v = malloc(n * sizeof *v), lo, hi, mean = 0.0, var = 0.0;
+
+	assert_non_null(v);
+	for (size_t i = 0; i < n; i++)
+		v[i] = gd_row(p, (int)(i / (size_t)p.w))[i % (size_t)p.w];
+	qsort(v, n, sizeof *v, by_value);
+	hi = v[n > 2 ? (size_t)(0.99 * (double)(n - 1)) : n - 1];
+	lo = v[n - 1 - (n > 2 ? (size_t)(0.99 * (double)(n - 1)) : n - 1)];
+	for (size_t i = 0; i < n; i++)
+		mean += fmin(fmax(v[i], lo), hi) / (double)n;
+	for (size_t i = 0; i < n; i++)
+		var += pow(fmin(fmax(v[i], lo), hi) - mean, 2.0) / (double)n;
+	free(v);
+	return var;
+}
+
+static int inside(const struct problem *p, int x, int y)
+{
+	return x >= 0 && y >= 0 && x < p->w && y < p->h;
+}
+
+static double weight(const struct problem *p, const struct gd_nlm_conf *conf, const double *eps,
+		     int px, int py, int qx, int qy)
+{
+	const double k2 = conf->k * conf->k;
+	double sum = 0.0;
+	int count = 0;
+
+	for (int oy = -conf->patch; oy <= conf->patch; oy++)
+		for (int ox = -conf->patch; ox <= conf->patch; ox++) {
+			int ax = px + ox, ay = py + oy, bx = qx + ox, by = qy + oy;
+
+			if (!inside(p, ax, ay) || !inside(p, bx, by))
+				continue;
+			for (int c = 0; c < p->nguide; c++) {
+				double a = gd_row(p->guide[c], ay)[ax], b = gd_row(p->guide[c], by)[bx];
+				double va = 0.0, vb = 0.0;
+
+				if (p->guide_var[c].v) {
+					va = gd_row(p->guide_var[c], ay)[ax];
+					vb = gd_row(p->guide_var[c], by)[bx];
+				}
+				sum += fmin(1e4, ((a - b) * (a - b) - va - fmin(va, vb)) /
+						 (eps[c] + k2 * (va + vb)));
+			}
+			count += p->nguide;
+		}
+	return exp(-fmax(0.0, sum / count));
+}
+
+/* |a - b| against a tolerance that says which pixel fails. */
+static void close_to(const char *what, int c, int x, int y, double found, double wanted, double tolerance)
+{
+	if (!(fabs(found - wanted) <= tolerance))
+		fail_msg("%s %d at (%d, %d): %.9g, expected %.9g (+- %.3g)", what, c, x, y, found, wanted,
+			 tolerance);
+}
+
+/*
+ * The kernel's distances are float: relative error of some 1e-6 in the sum over a patch, whose
+ * weighty values are below 20, hence 1e-4 in a weight; the output is a mean of values whose
+ * spread inside a window is below 6 scales.
+ */
+static void compare(const struct problem *p, const struct gd_nlm_conf *conf, double scale)
+{
+	double eps[MAX_PLANES];
+
+	for (int c = 0; c < p->nguide; c++)
+		eps[c] = conf->eps * spread(p->guide[c]);
+	for (int y = 0; y < p->h; y++)
+		for (int x = 0; x < p->w; x++) {
+			double sw = 0.0, su[MAX_PLANES] = { 0 }, sv[MAX_PLANES] = { 0 };
+
+			for (int qy = y - conf->window; qy <= y + conf->window; qy++)
+				for (int qx = x - conf->window; qx <= x + conf->window; qx++) {
+					if (!inside(p, qx, qy))
+						continue;
+
+					double w = weight(p, conf, eps, x, y, qx, qy);
+
+					sw += w;
+					for (int c = 0; c < p->n; c++) {
+						su[c] += w * gd_row(p->in[c], qy)[qx];
+						sv[c] += w * w * gd_row(p->in_var[c], qy)[qx];
+					}
+				}
+			for (int c = 0; c < p->n; c++) {
+				close_to("mean", c, x, y, gd_row(p->out[c], y)[x], su[c] / sw,
+					 1e-4 * scale);
+				close_to("variance", c, x, y, gd_row(p->out_var[c], y)[x],
+					 sv[c] / (sw * sw), 2e-4 * sv[c] / (sw * sw) + 1e-12 * scale * scale);
+			}
+		}
+}
+
+static void check(int w, int h, int nguide, int n, struct gd_nlm_conf conf, double scale)
+{
+	struct problem p;
+	struct gd_err err = { 0 };
+
+	state = (uint32_t)(w * 1000 + h);
+	build(&p, w, h, nguide, n);
+	fill(&p, scale);
+	struct gd_nlm_job job = { nguide, n, p.guide, p.guide_var, p.in, p.in_var, p.out, p.out_var };
+
+	if (gd_nlm_run(&job, &conf, NULL, &err) != GD_OK)
+		fail_msg("%s", err.text);
+	compare(&p, &conf, scale);
+	free(p.block);
+}
+
+static void published_sizes(void **unused)
+{
+	(void)unused;
+	check(150, 41, 3, 3, GD_NLM_DEFAULTS, 1.0);	/* two tiles across, two down */
+	check(37, 29, 1, 2, GD_NLM_DEFAULTS, 1.0);
+	check(31, 37, 4, 1, GD_NLM_DEFAULTS, 1.0);
+}
+
+static void other_radii(void **unused)
+{
+	struct gd_nlm_conf conf = { .patch = 0, .window = 2, .k = 1.0, .eps = 1e-4 };
+
+	(void)unused;
+	check(23, 19, 3, 1, conf, 1.0);
+	conf = (struct gd_nlm_conf){ .patch = 5, .window = 3, .k = 0.3, .eps = 1e-6 };
+	check(29, 17, 2, 3, conf, 1.0);
+	conf = (struct gd_nlm_conf){ .patch = 16, .window = 32, .k = 0.5, .eps = 1e-6 };
+	check(19, 13, 3, 1, conf, 1.0);
+}
+
+static void sizes_below_the_window(void **unused)
+{
+	(void)unused;
+	for (int w = 1; w <= 7; w++)
+		for (int h = 1; h <= 5; h++)
+			check(w, h, 3, 2, GD_NLM_DEFAULTS, 1.0);
+	check(200, 1, 3, 3, GD_NLM_DEFAULTS, 1.0);
+	check(1, 67, 3, 3, GD_NLM_DEFAULTS, 1.0);
+}
+
+static void any_exposure(void **unused)
+{
+	(void)unused;
+	check(33, 21, 3, 3, GD_NLM_DEFAULTS, 1e-12);
+	check(33, 21, 3, 3, GD_NLM_DEFAULTS, 1e12);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(published_sizes),
+		cmocka_unit_test(other_radii),
+		cmocka_unit_test(sizes_below_the_window),
+		cmocka_unit_test(any_exposure),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
