@@ -56,12 +56,17 @@ bool gd_image_plane(const struct gd_image *im, const char *name, struct gd_plane
 /* A zeroed float channel, replacing one of that name. */
 int gd_image_add(struct gd_image *im, const char *name, struct gd_plane *plane, struct gd_err *err);
 
+/* A channel without pixels at the end of the list; want = GD_PASS. The name must be new. */
+int gd_image_append(struct gd_image *im, const char *name, enum gd_type type, struct gd_err *err);
+
 /* Frees one channel, or all for which drop() holds. Indices change. */
 void gd_image_drop(struct gd_image *im, const char *name);
 void gd_image_drop_if(struct gd_image *im, bool (*drop)(const char *name, void *user), void *user);
 
 /* Attributes; setters replace one of that name, whatever its type. Getters return false if absent
  * or of a type that does not convert (numbers: int, float, double, and strings that hold a number). */
+int gd_attr_set(struct gd_image *im, const char *name, const char *type, const void *data,
+		size_t size, struct gd_err *err);
 int gd_attr_set_string(struct gd_image *im, const char *name, const char *text, struct gd_err *err);
 int gd_attr_set_number(struct gd_image *im, const char *name, double value, struct gd_err *err);
 int gd_attr_set_int(struct gd_image *im, const char *name, int value, struct gd_err *err);
