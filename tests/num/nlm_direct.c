@@ -117,7 +117,7 @@ static double weight(const struct problem *p, const struct gd_nlm_conf *conf, co
 					va = gd_row(p->guide_var[c], ay)[ax];
 					vb = gd_row(p->guide_var[c], by)[bx];
 				}
-				sum += fmin(1e4, ((a - b) * (a - b) - va - fmin(va, vb)) /
+				sum += fmin(1e7, ((a - b) * (a - b) - va - fmin(va, vb)) /
 						 (eps[c] + k2 * (va + vb)));
 			}
 			count += p->nguide;
