@@ -60,7 +60,19 @@ $(O)/%.$1.o: lib/kernel/%.c
 endef
 $(foreach i,$(ISA),$(eval $(call kernel_rule,$i)))
 
+# Needs nothing of libgd.a, so that nothing there has to be position-independent.
+PLUGPKG := OpenImageIO OpenColorIO
+ifeq ($(shell pkg-config --exists $(PLUGPKG) && echo yes),yes)
+plugin: $(B)/gd-plugin.so
+
+$(B)/gd-plugin.so: lib/plugin/shim.cpp lib/plugin/shim.h lib/gd.h
+	@mkdir -p $(@D)
+	$(CXX) -std=c++17 $(CXXFLAGS) -Ilib -Wall -Wextra -Wshadow -fPIC -shared -fvisibility=hidden \
+		$(shell pkg-config --cflags $(PLUGPKG)) $(LDFLAGS) -o $@ $< $(shell pkg-config --libs $(PLUGPKG))
+else
 plugin:
+	@echo "note: without OpenImageIO and OpenColorIO there is no gd-plugin.so: no PNG, no DWA, no display transforms (make deps)"
+endif
 
 clean:
 	rm -rf build bin demo

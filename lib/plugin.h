@@ -3,9 +3,9 @@
  * What needs OpenImageIO and OpenColorIO: other file formats (and DWA-compressed EXR), PNG, display
  * transforms. Both live in gd-plugin.so, which is loaded when one of these routines is first called:
  * linking them would cost every tool half a second before main().
- * Searched for as "gd-plugin.so" in $GD_PLUGIN_PATH (directories divided by ':'), ../lib/gd beside the
- * directory of the executable, that directory itself, and GD_PLUGDIR. Where it is missing, or made for
- * another version, each routine returns GD_EIO with a text that says so.
+ * Searched for as "gd-plugin.so" in the directories of $GD_PLUGIN_PATH (divided by ':'); if that is not set,
+ * in ../lib/gd beside the directory of the executable, that directory itself, and GD_PLUGDIR. Where it is
+ * missing, or made for another version, each routine returns GD_EIO with a text that says so.
  */
 #ifndef GD_PLUGIN_H
 #define GD_PLUGIN_H
