@@ -522,7 +522,7 @@ static void judge(struct job *job)
 	for (int i = 0; i < job->nresult; i++) {
 		const struct gd_relmse *m = &job->result[i].m;
 
-		if (!isnan(job->opt.max) && (!(m->relmse <= job->opt.max) || m->nonfinite))
+		if (isfinite(job->opt.max) && (!(m->relmse <= job->opt.max) || m->nonfinite))
 			job->cli.limit_missed = true;
 		gd_cli_stat_text(&job->cli, "image", job->result[i].name);
 		gd_cli_stat(&job->cli, "relmse", m->relmse);
@@ -560,7 +560,7 @@ static int run(struct job *job, struct gd_err *err)
 int main(int argc, char **argv)
 {
 	struct job job = { .opt = { .form = "r2+eps", .layer = "colour", .windows = "same", .format = "text",
-				    .output = "-", .error = "error", .conf = GD_RELMSE_DEFAULTS, .max = NAN,
+				    .output = "-", .error = "error", .conf = GD_RELMSE_DEFAULTS, .max = INFINITY,
 				    .block = 8 } };
 	struct options *opt = &job.opt;
 	const struct gd_opt opts[] = {
