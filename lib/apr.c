@@ -260,7 +260,7 @@ int gd_apr_fit(const struct gd_apr_out *out, const struct gd_apr_in *in, const s
 	plan->order_min = conf->order_min;
 	plan->order = conf->order_max;
 	plan->ny = in->ny;
-	plan->nv = in->nvar;
+	plan->nv = conf->order_min < conf->order_max || out->mse ? in->nvar : 0;	/* else of no use */
 	plan->y = in->y;
 	plan->var = in->var;
 	plan->noise = conf->feature_noise;
