@@ -163,7 +163,7 @@ static int fill_frame(struct job *job, struct gd_err *err)
 
 	f->ny = gd_layer_planes(im, "", f->y);
 	for (int i = 0; i < job->layers.n; i++) {
-		if (f->ny + 3 > GD_APR_RHS)
+		if (f->ny + GD_LAYER_PLANES > GD_APR_RHS)
 			return gd_fail(err, GD_EARG, "more than %d channels to denoise", GD_APR_RHS);
 		f->ny += gd_layer_planes(im, job->layers.name[i], f->y + f->ny);
 	}
@@ -180,7 +180,7 @@ static int fill_frame(struct job *job, struct gd_err *err)
 		const char *name = job->features.name[i];
 		int n;
 
-		if (f->nfeat + 3 > GD_APR_FEATURES)
+		if (f->nfeat + GD_LAYER_PLANES > GD_APR_FEATURES)
 			return gd_fail(err, GD_EARG, "more than %d feature planes", GD_APR_FEATURES);
 		n = gd_layer_planes(im, name, f->feat + f->nfeat);
 		gd_layer_variance_planes(im, name, f->feat_var + f->nfeat);
@@ -297,10 +297,10 @@ int main(int argc, char **argv)
 		GD_FLAG(0, "paper", &opt->paper, "the method as published: 43x43 windows, one model"),
 		GD_OPT('f', "features", "LIST", &opt->features, "layers to explain the image by, or auto, or none"),
 		GD_OPT('l', "layers", "LIST", &opt->layers, "layers to denoise along with the colour, alike"),
-		GD_NUM('r', "radius", "PIXELS", &opt->radius, 0, GD_APR_RADIUS, "windows of 2r+1 pixels"),
-		GD_NUM(0, "step", "PIXELS", &opt->step, 1, 2 * GD_APR_RADIUS + 1, "distance of window centres"),
-		GD_NUM(0, "order", "K", &opt->order, 0, GD_APR_ORDER, "largest order of the polynomial"),
-		GD_NUM(0, "order-min", "K", &opt->order_min, 0, GD_APR_ORDER, "smallest order of the polynomial"),
+		GD_NUM('r', "radius", "PIXELS", &opt->radius, -1, GD_APR_RADIUS, "windows of 2r+1 pixels; -1: the method's own"),
+		GD_NUM(0, "step", "PIXELS", &opt->step, -1, 2 * GD_APR_RADIUS + 1, "distance of window centres; -1: half the radius"),
+		GD_NUM(0, "order", "K", &opt->order, -1, GD_APR_ORDER, "largest order of the polynomial; -1: 3"),
+		GD_NUM(0, "order-min", "K", &opt->order_min, -1, GD_APR_ORDER, "smallest order of the polynomial; -1: 0"),
 		GD_OPT(0, "kernel", "NAME", &opt->kernel, "weights in a window: gauss or box"),
 		GD_OPT(0, "spikes", "WHAT", &opt->spikes, "return, drop or keep the energy of single bright pixels"),
 		GD_FLAG(0, "no-filter", &opt->no_filter, "take noisy features as they are"),

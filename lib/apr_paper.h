@@ -30,7 +30,7 @@ enum gd_apr_spike_mode {
  */
 struct gd_apr_frame {
 	int ny, nbin, nfeat;
-	struct gd_plane y[GD_APR_RHS], var[3];
+	struct gd_plane y[GD_APR_RHS], var[4];	/* the last one is not used */
 	struct gd_plane (*bin)[3];
 	struct gd_plane feat[GD_APR_FEATURES], feat_var[GD_APR_FEATURES];
 	int layer[GD_APR_FEATURES];
