@@ -1,0 +1,418 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "merge.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "merge_state.h"
+
+#define HALF_MAX 65504.0f	/* largest half: what an overflowed variance was at least */
+
+static bool starts(const char *s, const char *with)
+{
+	return !strncmp(s, with, strlen(with));
+}
+
+int gd_merge_begin(struct gd_merge **m, const struct gd_merge_conf *conf, struct gd_err *err)
+{
+	*m = calloc(1, sizeof **m);
+	if (!*m)
+		return gd_fail(err, GD_ENOMEM, "out of memory");
+	(*m)->conf = *conf;
+	return GD_OK;
+}
+
+void gd_merge_forget_names(struct gd_merge *m)
+{
+	gd_names_free(&m->names);
+	for (int i = 0; i < m->nsource; i++)
+		free(m->source[i]);
+	free(m->source);
+	m->source = NULL;
+	m->nsource = 0;
+}
+
+void gd_merge_free(struct gd_merge *m)
+{
+	if (!m)
+		return;
+	for (int k = 0; k < m->nlayer; k++) {
+		struct merge_layer *l = &m->layer[k];
+
+		gd_count_free(&l->count);
+		gd_count_free(&l->parts);
+		for (int b = 0; l->bin_count && b < m->bins; b++)
+			gd_count_free(&l->bin_count[b]);
+		free(l->bin_count);
+	}
+	for (int i = 0; i < m->ninput; i++)
+		free(m->input[i].label);
+	gd_merge_forget_names(m);
+	gd_image_free(&m->out);
+	free(m->input);
+	free(m->layer);
+	free(m->unit_bin);
+	free(m->weight.v);
+	free(m->within.v);
+	free(m);
+}
+
+int gd_merge_want(struct gd_merge *m, int i, struct gd_image *im, struct gd_err *err)
+{
+	int rc;
+
+	gd_merge_forget_names(m);
+	rc = gd_names_resolve(&m->names, im, &m->conf.names, err);
+	if (rc != GD_OK)
+		return rc;
+	m->source = calloc((size_t)im->nchan + 1, sizeof *m->source);
+	if (!m->source)
+		return gd_fail(err, GD_ENOMEM, "out of memory");
+	for (int c = 0; c < im->nchan; c++) {
+		m->source[c] = strdup(im->chan[c].name);
+		if (!m->source[c])
+			return gd_fail(err, GD_ENOMEM, "out of memory");
+		m->nsource++;
+		im->chan[c].want = GD_DROP;
+	}
+	for (int k = 0; k < m->names.n; k++) {
+		const struct gd_named *l = &m->names.layer[k];
+		const struct merge_layer *known = gd_merge_layer(m, l->layer);
+		bool read = l->role == GD_ROLE_MEAN ? (known && known->wanted) || gd_merge_in_family(l->layer, "bin") :
+			l->role == GD_ROLE_VARIANCE ? known && known->wanted && known->has_variance && !known->spread :
+			l->role == GD_ROLE_SAMPLES && m->input[i].per_pixel;
+
+		for (int c = 0; c < l->n; c++)
+			im->chan[l->chan[c]].want = l->role == GD_ROLE_PASS && i == 0 ? GD_PASS :
+				read ? GD_READ : GD_DROP;
+	}
+	return GD_OK;
+}
+
+/* Views of a layer's channels in the loaded image, in the order of the result. */
+static int planes_of(const struct gd_merge *m, const struct gd_image *im, const struct gd_named *l,
+		     struct gd_plane *plane, const char *label, struct gd_err *err)
+{
+	for (int c = 0; c < l->n; c++)
+		if (!gd_image_plane(im, m->source[l->chan[c]], &plane[c]))
+			return gd_fail(err, GD_ESHAPE, "%s: no channel %s", label, m->source[l->chan[c]]);
+	return GD_OK;
+}
+
+static int add_planes(struct gd_merge *m, struct merge_layer *l, struct gd_err *err)
+{
+	int rc = GD_OK;
+
+	for (int c = 0; c < l->n && rc == GD_OK; c++) {
+		const char *suffix = strlen(l->out[c]) > strlen(l->name) + 1 || !*l->name ?
+			l->out[c] + strlen(l->name) + !!*l->name : "";
+		char name[600];
+
+		rc = gd_image_add(&m->out, l->out[c], &l->mean[c], err);
+		snprintf(name, sizeof name, "%s%svariance%s%s", l->name, *l->name ? "." : "", *suffix ? "." : "", suffix);
+		if (rc == GD_OK && l->has_variance)
+			rc = gd_image_add(&m->out, name, &l->m2[c], err);
+		for (int b = 0; b < m->bins && l->binned && rc == GD_OK; b++) {
+			snprintf(name, sizeof name, "bin%d.%s", b, l->out[c]);
+			rc = gd_image_add(&m->out, name, &l->bin[b][c], err);
+		}
+	}
+	if (rc == GD_OK && l->binned && m->bins && !m->lockstep) {
+		l->bin_count = calloc((size_t)m->bins, sizeof *l->bin_count);
+		rc = l->bin_count ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
+	}
+	return rc;
+}
+
+/* The result takes windows, attributes and what cannot be averaged from the first input. */
+static int start_output(struct gd_merge *m, struct gd_image *im, struct gd_err *err)
+{
+	size_t floats = (size_t)m->h * gd_stride(m->w);
+	int rc;
+
+	gd_image_init(&m->out, im->w, im->h);
+	m->out.data = im->data;
+	m->out.display = im->display;
+	m->weight = gd_plane_of(gd_alloc(floats, sizeof(float)), m->w, m->h);
+	m->within = gd_plane_of(gd_alloc(floats, sizeof(float)), m->w, m->h);
+	rc = m->weight.v && m->within.v ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory for %d x %d", m->w, m->h);
+	if (rc == GD_OK)
+		rc = gd_attr_copy(&m->out, im, err);
+	for (int c = 0; c < im->nchan && rc == GD_OK; c++) {
+		if (!im->chan[c].raw)
+			continue;
+		rc = gd_image_append(&m->out, im->chan[c].name, im->chan[c].type, err);
+		if (rc == GD_OK) {
+			m->out.chan[m->out.nchan - 1].want = GD_PASS;
+			m->out.chan[m->out.nchan - 1].raw = im->chan[c].raw;
+			im->chan[c].raw = NULL;
+		}
+	}
+	for (int k = 0; k < m->nlayer && rc == GD_OK; k++)
+		if (m->layer[k].wanted)
+			rc = add_planes(m, &m->layer[k], err);
+	return rc;
+}
+
+/* Seconds of rendering and of earlier stages add up; histories are joined without repeating lines. */
+static int join_attributes(struct gd_merge *m, const struct gd_image *im, struct gd_err *err)
+{
+	const struct gd_attr *old = gd_attr_find(&m->out, "gd:history"), *more = gd_attr_find(im, "gd:history");
+	int rc = GD_OK;
+
+	for (int i = 0; i < im->nattr && rc == GD_OK; i++) {
+		const char *name = im->attr[i].name;
+		double a = 0, b;
+
+		if ((strcmp(name, "gd:renderSeconds") && !starts(name, "gd:seconds.")) ||
+		    !gd_attr_number(im, name, &b))
+			continue;
+		gd_attr_number(&m->out, name, &a);
+		rc = gd_attr_set_number(&m->out, name, a + b, err);
+	}
+	if (rc == GD_OK && more && !strcmp(more->type, "string")) {
+		char *text, *line, *save = NULL, *add = strndup((const char *)more->data, more->size);
+		size_t n = old && !strcmp(old->type, "string") ? old->size : 0;
+
+		text = add ? malloc(n + more->size + 2) : NULL;
+		if (!text) {
+			free(add);
+			return gd_fail(err, GD_ENOMEM, "out of memory");
+		}
+		if (n)
+			memcpy(text, old->data, n);
+		text[n] = 0;
+		for (line = strtok_r(add, "\n", &save); line; line = strtok_r(NULL, "\n", &save))
+			if (!strstr(text, line))
+				sprintf(text + strlen(text), "%s%s", *text ? "\n" : "", line);
+		rc = gd_attr_set_string(&m->out, "gd:history", text, err);
+		free(text);
+		free(add);
+	}
+	return rc;
+}
+
+/* Samples per pixel of the whole input: a plane of its "samples", made fit for weights, or one number. */
+static int input_count(struct gd_merge *m, int i, const struct gd_image *im, struct gd_count *count,
+		       struct gd_err *err)
+{
+	const struct merge_input *in = &m->input[i];
+	const struct gd_named *samples = gd_names_find(&m->names, GD_ROLE_SAMPLES, "samples");
+	struct gd_plane plane[GD_NAMED_MAX];
+	int rc = GD_OK;
+
+	*count = (struct gd_count){ .all = in->spp > 0 ? in->spp : 1 };
+	if (!in->per_pixel)
+		return GD_OK;
+	rc = planes_of(m, im, samples, plane, in->label, err);
+	if (rc != GD_OK)
+		return rc;
+	count->plane = plane[0];
+	for (int y = 0; y < m->h; y++) {
+		float *row = gd_row(plane[0], y);
+
+		for (int x = 0; x < m->w; x++)
+			row[x] = isfinite(row[x]) && row[x] > 0 ? row[x] : 0;
+	}
+	return GD_OK;
+}
+
+/*
+ * The samples behind a layer's means: those of the pixel; of half of them for half0 and half1. An edge
+ * of the gradients is sampled from both its pixels (n_i + n_j, over 2 so that equal counts stay what
+ * they are), unless own_edges says that only its own counts.
+ */
+static void layer_weight(struct gd_merge *m, const struct merge_layer *l, const struct gd_count *count,
+			 bool bad, struct gd_count *w)
+{
+	int dx = !m->conf.own_edges && !strcmp(l->name, "dx"), dy = !m->conf.own_edges && !strcmp(l->name, "dy");
+	float scale = l->half ? 0.5f : 1;
+
+	*w = (struct gd_count){ .all = count->all * (double)scale };
+	if (!count->plane.v && !bad)
+		return;
+	w->plane = m->weight;
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < m->h; y++) {
+		const float *a = count->plane.v ? gd_row(count->plane, y) : NULL;
+		const float *b = a && dy && y + 1 < m->h ? gd_row(count->plane, y + 1) : a;
+		float *row = gd_row(w->plane, y);
+
+		for (int x = 0; x < m->w; x++) {
+			int other = dx && x + 1 < m->w ? x + 1 : x;
+
+			row[x] = a ? scale * 0.5f * (a[x] + b[other]) : (float)w->all;
+		}
+	}
+}
+
+/* parts += n wherever w > 0. */
+static int count_parts(struct gd_merge *m, struct gd_count *parts, const struct gd_count *w, int n,
+		       struct gd_err *err)
+{
+	int rc;
+
+	if (!w->plane.v && !parts->plane.v) {
+		parts->all += n;
+		return GD_OK;
+	}
+	rc = gd_count_spread(parts, m->w, m->h, err);
+	if (rc != GD_OK)
+		return rc;
+	for (int y = 0; y < m->h; y++)
+		for (int x = 0; x < m->w; x++)
+			if (!w->plane.v || gd_row(w->plane, y)[x] > 0)
+				gd_row(parts->plane, y)[x] += (float)n;
+	return GD_OK;
+}
+
+/* One layer of one input: its channels, its bins (n of them, 1: none) and variances. */
+struct source {
+	const struct merge_input *in;
+	int n;
+	struct gd_plane mean[GD_NAMED_MAX], var[GD_NAMED_MAX];
+	struct gd_plane part[(GD_MAX_BINS + 1) * MERGE_COMP];	/* bin b, channel c at b * MERGE_COMP + c */
+	enum gd_variance kind;
+	float limit;
+	bool has_variance;
+};
+
+static int find_source(struct gd_merge *m, struct merge_layer *l, const struct gd_image *im,
+		       const struct gd_named *named, struct source *s, struct gd_err *err)
+{
+	const struct gd_named *var = gd_names_find(&m->names, GD_ROLE_VARIANCE, l->name);
+	int rc = planes_of(m, im, named, s->mean, s->in->label, err), i;
+
+	s->n = l->binned ? s->in->units : 1;
+	for (int b = 0; b < s->n && s->n > 1 && rc == GD_OK; b++)
+		rc = planes_of(m, im, gd_merge_bin_of(&m->names, named, b), &s->part[b * MERGE_COMP], s->in->label, err);
+	s->has_variance = l->has_variance && !l->spread && var;
+	if (rc != GD_OK || !s->has_variance)
+		return rc;
+	rc = planes_of(m, im, var, s->var, s->in->label, err);
+	for (int c = var->n; c < l->n; c++)
+		s->var[c] = s->var[0];
+	s->kind = m->names.variance;
+	i = gd_image_find(im, m->source[var->chan[0]]);
+	s->limit = i >= 0 && im->chan[i].type == GD_HALF ? HALF_MAX : 1e30f;
+	return rc;
+}
+
+/* Means and spread. */
+static size_t add_means(struct gd_merge *m, struct merge_layer *l, const struct source *s, const struct gd_count *w)
+{
+	const struct gd_plane none = { 0 };
+	size_t bad = 0;
+
+	for (int c = 0; c < l->n; c++) {
+		struct gd_plane within = none, m2 = l->has_variance ? l->m2[c] : none;
+
+		if (s->has_variance) {
+			within = m->within;
+			bad += gd_accum_within_variance(within, s->var[c], s->mean[c], s->kind, m->counted,
+							s->limit, w);
+		} else if (l->has_variance && s->n > 1) {
+			struct gd_plane part[GD_MAX_BINS];
+
+			for (int b = 0; b < s->n; b++)
+				part[b] = s->part[b * MERGE_COMP + c];
+			within = m->within;
+			gd_accum_within_parts(within, part, s->n, w);
+		}
+		if (s->has_variance && !m->counted) {	/* the spread of means of unknown counts tells nothing */
+			gd_accum_sum(m2, within);
+			m2 = within = none;
+		}
+		gd_accum_add(l->mean[c], m2, s->mean[c], within, w, &l->count);
+	}
+	return bad;
+}
+
+static int add_bins(struct gd_merge *m, struct merge_layer *l, const struct source *s, struct gd_count *w,
+		    struct gd_err *err)
+{
+	const struct gd_plane none = { 0 };
+	int rc = GD_OK;
+
+	if (!m->lockstep && s->n > 1)
+		gd_count_scale(w, 1.0 / s->n);
+	for (int u = 0; u < s->n && rc == GD_OK; u++) {
+		int b = m->unit_bin[s->in->first_unit + u];
+		const struct gd_count *old = m->lockstep ? &l->count : &l->bin_count[b];
+
+		for (int c = 0; c < l->n; c++)
+			gd_accum_add(l->bin[b][c], none, s->n > 1 ? s->part[u * MERGE_COMP + c] : s->mean[c], none,
+				     w, old);
+		if (!m->lockstep)
+			rc = gd_count_add(&l->bin_count[b], w, err);
+	}
+	if (!m->lockstep && s->n > 1)
+		gd_count_scale(w, s->n);
+	return rc;
+}
+
+static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_image *im, struct source *s,
+		     const struct gd_count *count, const struct gd_report *report, struct gd_err *err)
+{
+	const struct gd_named *named = gd_names_find(&m->names, GD_ROLE_MEAN, l->name);
+	struct gd_count w;
+	size_t bad, bad_variance;
+	int rc, nall = 0;
+	struct gd_plane all[(GD_MAX_BINS + 1) * MERGE_COMP];
+
+	if (!named)
+		return GD_OK;
+	rc = find_source(m, l, im, named, s, err);
+	if (rc != GD_OK)
+		return rc;
+	for (int c = 0; c < l->n; c++) {
+		all[nall++] = s->mean[c];
+		for (int b = 0; b < s->n && s->n > 1; b++)
+			all[nall++] = s->part[b * MERGE_COMP + c];
+	}
+	layer_weight(m, l, count, false, &w);
+	bad = gd_accum_bad(all, nall, &w);
+	if (bad) {
+		layer_weight(m, l, count, true, &w);
+		gd_accum_mask(all, nall, &w);
+		l->dropped += bad;
+		gd_note(report, "%s: %zu pixels of %s with NaN or Inf left out", s->in->label, bad,
+			*l->name ? l->name : "the colour");
+	}
+	bad_variance = add_means(m, l, s, &w);
+	if (bad_variance)
+		gd_note(report, "%s: %zu NaN in the variance of %s taken for 0", s->in->label, bad_variance,
+			*l->name ? l->name : "the colour");
+	if (l->binned && m->bins)
+		rc = add_bins(m, l, s, &w, err);
+	if (rc == GD_OK && l->has_variance && l->spread)
+		rc = count_parts(m, &l->parts, &w, s->n, err);
+	if (rc == GD_OK)
+		rc = gd_count_add(&l->count, &w, err);
+	return rc;
+}
+
+int gd_merge_add(struct gd_merge *m, int i, struct gd_image *im, const struct gd_report *report,
+		 struct gd_err *err)
+{
+	struct source *s = calloc(1, sizeof *s);
+	struct gd_count count;
+	int rc = s ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
+
+	if (rc == GD_OK && (im->w != m->w || im->h != m->h))
+		rc = gd_fail(err, GD_ESHAPE, "%s: has changed while it was read", m->input[i].label);
+	if (rc == GD_OK)
+		rc = m->out.nchan ? join_attributes(m, im, err) : start_output(m, im, err);
+	if (rc == GD_OK)
+		rc = input_count(m, i, im, &count, err);
+	for (int k = 0; k < m->nlayer && rc == GD_OK; k++) {
+		*s = (struct source){ .in = &m->input[i] };
+		if (m->layer[k].wanted)
+			rc = add_layer(m, &m->layer[k], im, s, &count, report, err);
+	}
+	free(s);
+	return rc;
+}

@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What merge.c (looking and adding) and merge_out.c (the result) share. */
+#ifndef GD_MERGE_STATE_H
+#define GD_MERGE_STATE_H
+
+#include "accum.h"
+#include "merge.h"
+
+#define MERGE_COMP 3
+
+struct merge_layer {
+	char name[256];			/* "" is the colour */
+	int n;				/* channels */
+	char out[MERGE_COMP][256];	/* their names in the result */
+	bool binned;			/* the colour and its gradients: what bins are made of */
+	bool half;			/* half0 or half1: half the samples */
+	bool wanted;
+	int carriers, with_variance;	/* inputs that have it; that have its variance */
+	bool spread;			/* its variance comes from the spread of parts */
+	bool has_variance;
+	struct gd_plane mean[MERGE_COMP], m2[MERGE_COMP];
+	struct gd_plane bin[GD_MAX_BINS][MERGE_COMP];
+	struct gd_count count;		/* samples so far */
+	struct gd_count parts;		/* independent parts so far, if spread */
+	struct gd_count *bin_count;	/* samples of each bin so far, unless in lockstep */
+	size_t dropped, empty;
+};
+
+struct merge_input {
+	char *label;
+	double spp;			/* 0: not known from --spp or attributes */
+	bool per_pixel;			/* has a channel "samples" */
+	int units;			/* bins it holds, else 1 */
+	int first_unit;
+};
+
+struct gd_merge {
+	struct gd_merge_conf conf;
+	int w, h, ninput, nlayer;
+	struct merge_input *input;
+	struct merge_layer *layer;
+	const char *wants_counts;	/* label of an input whose variances need sample counts */
+	bool counted;			/* sample counts are known */
+	int bins;			/* being made */
+	bool keep_bins, make_halves;
+	bool lockstep;			/* every input's bin b goes into bin b */
+	int *unit_bin;			/* bin of each unit of each input */
+	double bin_ratio;
+	struct gd_names names;		/* of the input being added, ... */
+	char **source;			/* ... and its channels' names */
+	int nsource;
+	struct gd_plane weight, within;	/* work space */
+	struct gd_image out;
+};
+
+/* Is name prefix, digits and then nothing or a dot: "bin12", "bin0.dx" of the family "bin"? */
+bool gd_merge_in_family(const char *name, const char *prefix);
+struct merge_layer *gd_merge_layer(struct gd_merge *m, const char *name);	/* or NULL */
+/* The layer of bin b, e.g. "bin3.dx" of "dx", or NULL. */
+const struct gd_named *gd_merge_bin_of(const struct gd_names *names, const struct gd_named *layer, int b);
+void gd_merge_forget_names(struct gd_merge *m);
+
+#endif
