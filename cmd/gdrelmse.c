@@ -9,16 +9,19 @@
 #include "cli.h"
 #include "crop.h"
 #include "file.h"
+#include "plugin.h"
 #include "relmse.h"
+#include "show.h"
+#include "table.h"
 
 enum windows { SAME, OVERLAP, IGNORE };
 enum format { TEXT, TSV, JSON };
 
 struct options {
 	const char *reference, *form, *layer, *reference_layer, *windows, *crop, *mask, *format, *output;
-	const char *error;
+	const char *error, *heatmap;
 	struct gd_relmse_conf conf;
-	double max;
+	double max, heatmap_max;
 	int block;
 	bool plain, channels, rank;
 	enum windows window_rule;
@@ -31,6 +34,7 @@ struct source {
 	int n;
 	bool halves;
 	struct gd_plane v[GD_LAYER_PLANES], a[GD_LAYER_PLANES], b[GD_LAYER_PLANES];
+	float *mean;			/* of the halves; v lies in it */
 	struct gd_layer layer;
 };
 
@@ -39,6 +43,7 @@ struct result {
 	struct gd_relmse m;
 	struct gd_relmse_rank rank;
 	double seconds, render;		/* NaN where the file does not say */
+	struct gd_picture heatmap;	/* with --heatmap */
 };
 
 struct job {
@@ -48,6 +53,7 @@ struct job {
 	bool masked;
 	int nresult;
 	struct result *result;
+	char channel[GD_LAYER_PLANES][32];	/* names of their columns */
 };
 
 static int choose(const char *what, const char *text, const char *const names[], int *value, struct gd_err *err)
@@ -107,6 +113,22 @@ static void half_name(char *name, size_t size, int half, const char *layer)
 	snprintf(name, size, "half%d%s%s", half, *layer ? "." : "", layer);
 }
 
+static int average_halves(struct source *s, struct gd_err *err)
+{
+	size_t size = (size_t)s->im.h * gd_stride(s->im.w);
+
+	s->mean = gd_alloc(size * (size_t)s->n, sizeof(float));
+	if (!s->mean)
+		return gd_fail(err, GD_ENOMEM, "out of memory");
+	for (int c = 0; c < s->n; c++) {
+		s->v[c] = gd_plane_of(s->mean + (size_t)c * size, s->im.w, s->im.h);
+		for (int y = 0; y < s->im.h; y++)
+			for (int x = 0; x < s->im.w; x++)
+				gd_row(s->v[c], y)[x] = 0.5f * gd_row(s->a[c], y)[x] + 0.5f * gd_row(s->b[c], y)[x];
+	}
+	return GD_OK;
+}
+
 /* The halves if the file has both and they may be used, else the layer itself. */
 static int load_reference(struct job *job, const char *path, struct gd_err *err)
 {
@@ -137,7 +159,7 @@ static int load_reference(struct job *job, const char *path, struct gd_err *err)
 	s->n = s->halves ? gd_layer_planes(&s->im, half[0], s->a) : gd_layer_planes(&s->im, layer, s->v);
 	if (s->halves)
 		gd_layer_planes(&s->im, half[1], s->b);
-	return GD_OK;
+	return s->halves ? average_halves(s, err) : GD_OK;
 }
 
 /* FILE or FILE:channel; the channel defaults to mask, Y, R, or the only one. */
@@ -243,9 +265,8 @@ static int line_up(struct gd_relmse_in *in, struct gd_plane *est, const struct j
 	if (ref->halves) {
 		crop_all(in->a, ref->a, s->n, v);
 		crop_all(in->b, ref->b, s->n, v);
-	} else {
-		crop_all(in->r, ref->v, s->n, v);
 	}
+	crop_all(in->r, ref->v, s->n, v);
 	if (job->masked)
 		in->mask = gd_crop_plane(job->mask.v[0], m);
 	return GD_OK;
@@ -294,6 +315,34 @@ static double sum_seconds(const struct gd_image *im)
 	return sum;
 }
 
+/* Root of each pixel's error against the reference itself, which has less noise than its halves. */
+static int draw(struct gd_picture *pic, const struct job *job, struct gd_relmse_in in, struct gd_err *err)
+{
+	const int w = in.x[0].w, h = in.x[0].h;
+	struct gd_show_conf conf = { .as = GD_SHOW_SCALAR };
+	struct gd_plane root = gd_plane_of(gd_alloc((size_t)h, gd_stride(w) * sizeof(float)), w, h);
+	double *e = gd_alloc((size_t)w * (size_t)h, sizeof(*e));
+	struct gd_relmse m;
+	int rc = GD_OK;
+
+	conf.range = (struct gd_show_range){ 0, (float)job->opt.heatmap_max, GD_SHOW_LINEAR };
+	in.halves = false;
+	if (!root.v || !e)
+		rc = gd_fail(err, GD_ENOMEM, "out of memory");
+	if (rc == GD_OK)
+		rc = gd_relmse(&m, e, &in, &job->opt.conf, err);
+	for (int y = 0; rc == GD_OK && y < h; y++)
+		for (int x = 0; x < w; x++)
+			gd_row(root, y)[x] = (float)sqrt(e[(size_t)y * (size_t)w + (size_t)x]);
+	if (rc == GD_OK)
+		rc = gd_show(pic, NULL, &root, 1, &conf, err);
+	if (rc == GD_OK)
+		rc = gd_picture_legend(pic, &conf, err);
+	free(root.v);
+	free(e);
+	return rc;
+}
+
 static int compare(struct job *job, const char *path, struct gd_err *err)
 {
 	struct source s = { 0 };
@@ -308,6 +357,8 @@ static int compare(struct job *job, const char *path, struct gd_err *err)
 		rc = gd_relmse(&res->m, NULL, &in, &job->opt.conf, err);
 	if (rc == GD_OK && job->opt.rank)
 		rc = gd_relmse_rank(&res->rank, &in, est, job->opt.block, err);
+	if (rc == GD_OK && job->opt.heatmap)
+		rc = draw(&res->heatmap, job, in, err);
 	if (rc == GD_OK) {
 		res->name = path;
 		res->seconds = sum_seconds(&s.im);
@@ -330,14 +381,6 @@ static void warn(struct job *job)
 			    job->result[0].m.nonfinite_reference);
 }
 
-/* A column of the table: what it is called and where its number comes from. */
-struct column {
-	const char *name;
-	const char *text;	/* heading in the text table, NULL: not shown there */
-	double value;
-};
-#define MAX_COLUMNS 40
-
 static const char *channel_suffix(const struct job *job, int c)
 {
 	const char *name = job->ref.layer.name[c], *dot = strrchr(name, '.');
@@ -345,43 +388,49 @@ static const char *channel_suffix(const struct job *job, int c)
 	return dot ? dot + 1 : name;
 }
 
-/* The columns of one result; names that are made up live in job-independent storage of the caller. */
-static int columns(struct column *col, char names[][32], const struct job *job, const struct result *r)
+static void add(struct gd_table *t, const char *name, const char *heading, struct gd_row *row, double value)
+{
+	t->column[t->ncolumn] = (struct gd_column){ name, heading };
+	row->value[t->ncolumn++] = value;
+}
+
+/* The columns of the table and the values of one row. */
+static void fill_row(struct gd_table *t, struct gd_row *row, struct job *job, const struct result *r)
 {
 	const struct gd_relmse *m = &r->m;
 	double bias = m->mean - m->reference;
-	int n = 0;
 
-	col[n++] = (struct column){ "relmse", "relMSE", m->relmse };
+	t->ncolumn = 0;
+	row->name = r->name;
+	add(t, "relmse", "relMSE", row, m->relmse);
 	for (int c = 0; job->opt.channels && c < job->ref.n; c++) {
-		snprintf(names[c], 32, "relmse.%.20s", channel_suffix(job, c));
-		col[n++] = (struct column){ names[c], names[c], m->channel[c] };
+		snprintf(job->channel[c], sizeof(job->channel[c]), "relmse.%.20s", channel_suffix(job, c));
+		add(t, job->channel[c], job->channel[c], row, m->channel[c]);
 	}
-	col[n++] = (struct column){ "trimmed", "trimmed", m->trimmed };
-	col[n++] = (struct column){ "mse", "MSE", m->mse };
-	col[n++] = (struct column){ "mae", NULL, m->mae };
-	col[n++] = (struct column){ "mape", "MAPE", m->mape };
-	col[n++] = (struct column){ "smape", "SMAPE", m->smape };
-	col[n++] = (struct column){ "bias", NULL, bias };
-	col[n++] = (struct column){ "bias_percent", "bias%", m->reference != 0 ? 100 * bias / m->reference : (double)NAN };
-	col[n++] = (struct column){ "p50", "p50", m->p50 };
-	col[n++] = (struct column){ "p95", "p95", m->p95 };
-	col[n++] = (struct column){ "p99", "p99", m->p99 };
-	col[n++] = (struct column){ "max", "max", m->max };
+	add(t, "trimmed", "trimmed", row, m->trimmed);
+	add(t, "mse", "MSE", row, m->mse);
+	add(t, "mae", NULL, row, m->mae);
+	add(t, "mape", "MAPE", row, m->mape);
+	add(t, "smape", "SMAPE", row, m->smape);
+	add(t, "bias", NULL, row, bias);
+	add(t, "bias_percent", "bias%", row, m->reference != 0 ? 100 * bias / m->reference : (double)NAN);
+	add(t, "p50", "p50", row, m->p50);
+	add(t, "p95", "p95", row, m->p95);
+	add(t, "p99", "p99", row, m->p99);
+	add(t, "max", "max", row, m->max);
 	if (job->opt.rank) {
-		col[n++] = (struct column){ "rank", "rank", r->rank.rho };
-		col[n++] = (struct column){ "estimate_ratio", "est/true", r->rank.ratio };
+		add(t, "rank", "rank", row, r->rank.rho);
+		add(t, "estimate_ratio", "est/true", row, r->rank.ratio);
 	}
-	col[n++] = (struct column){ "nonfinite", "nonfinite", (double)m->nonfinite };
-	col[n++] = (struct column){ "seconds", "seconds", r->seconds };
-	col[n++] = (struct column){ "render_seconds", "render", r->render };
-	col[n++] = (struct column){ "pixels", NULL, (double)m->pixels };
-	col[n++] = (struct column){ "trimmed_pixels", NULL, (double)m->ntrimmed };
-	col[n++] = (struct column){ "nonfinite_reference", NULL, (double)m->nonfinite_reference };
-	return n;
+	add(t, "nonfinite", "nonfinite", row, (double)m->nonfinite);
+	add(t, "seconds", "seconds", row, r->seconds);
+	add(t, "render_seconds", "render", row, r->render);
+	add(t, "pixels", NULL, row, (double)m->pixels);
+	add(t, "trimmed_pixels", NULL, row, (double)m->ntrimmed);
+	add(t, "nonfinite_reference", NULL, row, (double)m->nonfinite_reference);
 }
 
-static void print_text_head(FILE *out, const struct job *job)
+static void print_head(FILE *out, const struct job *job)
 {
 	const struct options *opt = &job->opt;
 	const struct gd_relmse *m = &job->result[0].m;
@@ -398,99 +447,38 @@ static void print_text_head(FILE *out, const struct job *job)
 	if (opt->rank)
 		fprintf(out, "rank: Spearman's correlation of %s with the true squared error over %zu blocks of %dx%d.\n",
 			opt->error, job->result[0].rank.blocks, opt->block, opt->block);
-}
-
-static void print_text(FILE *out, const struct job *job)
-{
-	struct column col[MAX_COLUMNS];
-	char names[GD_LAYER_PLANES][32];
-	int wide = 5, n = columns(col, names, job, &job->result[0]);
-
-	for (int i = 0; i < job->nresult; i++)
-		if ((int)strlen(job->result[i].name) > wide)
-			wide = (int)strlen(job->result[i].name);
-	print_text_head(out, job);
-	fprintf(out, "\n%-*s", wide, "image");
-	for (int k = 0; k < n; k++)
-		if (col[k].text)
-			fprintf(out, " %10s", col[k].text);
 	fputc('\n', out);
-	for (int i = 0; i < job->nresult; i++) {
-		columns(col, names, job, &job->result[i]);
-		fprintf(out, "%-*s", wide, job->result[i].name);
-		for (int k = 0; k < n; k++)
-			if (col[k].text && isnan(col[k].value))
-				fprintf(out, " %10s", "-");
-			else if (col[k].text)
-				fprintf(out, " %10.5g", col[k].value);
-		fputc('\n', out);
-	}
 }
 
-static void print_tsv(FILE *out, const struct job *job)
+static int print(FILE *out, struct job *job, const char *reference, struct gd_err *err)
 {
-	struct column col[MAX_COLUMNS];
-	char names[GD_LAYER_PLANES][32];
-	int n = columns(col, names, job, &job->result[0]);
+	char eps[32];
+	const struct gd_remark remarks[] = {
+		{ "eps", eps, 1 },
+		{ "noise_free", job->ref.halves ? "true" : "false", 1 },
+		{ "formula", gd_relmse_formula(job->opt.conf.form, job->ref.halves), 0 },
+		{ "reference", reference, 0 },
+	};
+	struct gd_table t = { .row_heading = "image", .rows_name = "images", .nrow = job->nresult,
+			      .remark = remarks, .nremark = 4 };
+	int rc = GD_OK;
 
-	fputs("image", out);
-	for (int k = 0; k < n; k++)
-		fprintf(out, "\t%s", col[k].name);
-	fputs("\teps\tnoise_free\tformula\n", out);
-	for (int i = 0; i < job->nresult; i++) {
-		columns(col, names, job, &job->result[i]);
-		for (const char *p = job->result[i].name; *p; p++)
-			fputc(*p == '\t' || *p == '\n' ? ' ' : *p, out);
-		for (int k = 0; k < n; k++)
-			if (isnan(col[k].value))
-				fputs("\tNA", out);
-			else
-				fprintf(out, "\t%.9g", col[k].value);
-		fprintf(out, "\t%g\t%d\t%s\n", job->opt.conf.eps, job->ref.halves,
-			gd_relmse_formula(job->opt.conf.form, job->ref.halves));
+	snprintf(eps, sizeof(eps), "%g", job->opt.conf.eps);
+	t.row = calloc((size_t)t.nrow, sizeof(*t.row));
+	if (!t.row)
+		return gd_fail(err, GD_ENOMEM, "out of memory");
+	for (int i = 0; i < t.nrow; i++)
+		fill_row(&t, &t.row[i], job, &job->result[i]);
+	if (job->opt.out == JSON) {
+		rc = gd_table_json(out, &t, err);
+	} else if (job->opt.out == TSV) {
+		gd_table_tsv(out, &t);
+	} else {
+		print_head(out, job);
+		gd_table_text(out, &t);
 	}
-}
-
-static void print_json_string(FILE *out, const char *text)
-{
-	fputc('"', out);
-	for (const unsigned char *p = (const unsigned char *)text; *p; p++)
-		if (*p == '"' || *p == '\\')
-			fprintf(out, "\\%c", *p);
-		else if (*p < 0x20)
-			fprintf(out, "\\u%04x", *p);
-		else
-			fputc(*p, out);
-	fputc('"', out);
-}
-
-static void print_json(FILE *out, const struct job *job, const char *reference)
-{
-	struct column col[MAX_COLUMNS];
-	char names[GD_LAYER_PLANES][32];
-
-	fputs("{\n  \"formula\": ", out);
-	print_json_string(out, gd_relmse_formula(job->opt.conf.form, job->ref.halves));
-	fprintf(out, ",\n  \"eps\": %g,\n  \"noise_free\": %s,\n  \"reference\": ", job->opt.conf.eps,
-		job->ref.halves ? "true" : "false");
-	print_json_string(out, reference);
-	fputs(",\n  \"images\": [", out);
-	for (int i = 0; i < job->nresult; i++) {
-		int n = columns(col, names, job, &job->result[i]);
-
-		fprintf(out, "%s\n    {\"image\": ", i ? "," : "");
-		print_json_string(out, job->result[i].name);
-		for (int k = 0; k < n; k++) {
-			fputs(", ", out);
-			print_json_string(out, col[k].name);
-			if (isfinite(col[k].value))
-				fprintf(out, ": %.9g", col[k].value);
-			else
-				fputs(": null", out);
-		}
-		fputc('}', out);
-	}
-	fputs("\n  ]\n}\n", out);
+	free(t.row);
+	return rc;
 }
 
 static int report(struct job *job, const char *reference, struct gd_err *err)
@@ -502,17 +490,39 @@ static int report(struct job *job, const char *reference, struct gd_err *err)
 
 	if (!out)
 		return gd_fail(err, GD_ENOMEM, "out of memory");
-	if (job->opt.out == TSV)
-		print_tsv(out, job);
-	else if (job->opt.out == JSON)
-		print_json(out, job, reference);
-	else
-		print_text(out, job);
+	rc = print(out, job, reference, err);
 	if (fclose(out))
 		rc = gd_fail(err, GD_ENOMEM, "out of memory");
-	else
+	if (rc == GD_OK)
 		rc = gd_file_write(job->opt.output, text, size, err);
 	free(text);
+	return rc;
+}
+
+static int write_heatmaps(struct job *job, struct gd_err *err)
+{
+	char (*text)[300] = calloc((size_t)job->nresult, sizeof(*text));
+	const char **label = calloc((size_t)job->nresult, sizeof(*label));
+	struct gd_picture *pic = calloc((size_t)job->nresult, sizeof(*pic)), sheet = { 0 };
+	int rc = GD_OK;
+
+	if (!text || !label || !pic)
+		rc = gd_fail(err, GD_ENOMEM, "out of memory");
+	for (int i = 0; rc == GD_OK && i < job->nresult; i++) {
+		const char *base = strrchr(job->result[i].name, '/');
+
+		pic[i] = job->result[i].heatmap;
+		snprintf(text[i], sizeof(text[i]), "%.4g %s", job->result[i].m.relmse, base ? base + 1 : job->result[i].name);
+		label[i] = text[i];
+	}
+	if (rc == GD_OK)
+		rc = gd_picture_sheet(&sheet, pic, label, job->nresult, 4, err);
+	if (rc == GD_OK)
+		rc = gd_picture_write(&sheet, job->opt.heatmap, 8, err);
+	gd_picture_free(&sheet);
+	free(text);
+	free(label);
+	free(pic);
 	return rc;
 }
 
@@ -524,8 +534,8 @@ static void judge(struct job *job)
 
 		if (isfinite(job->opt.max) && (!(m->relmse <= job->opt.max) || m->nonfinite))
 			job->cli.limit_missed = true;
-		gd_cli_stat_text(&job->cli, "image", job->result[i].name);
-		gd_cli_stat(&job->cli, "relmse", m->relmse);
+		if (job->nresult == 1)
+			gd_cli_stat(&job->cli, "relmse", m->relmse);
 	}
 }
 
@@ -542,10 +552,13 @@ static int run(struct job *job, struct gd_err *err)
 		return rc;
 	if (!reference)
 		reference = job->cli.operand[--n];
-	job->result = calloc((size_t)n, sizeof(*job->result));
+	job->result = calloc((size_t)job->cli.noperand, sizeof(*job->result));
 	if (!job->result)
 		return gd_fail(err, GD_ENOMEM, "out of memory");
-	rc = load_reference(job, reference, err);
+	if (opt->heatmap)
+		rc = gd_plugin_check(err);
+	if (rc == GD_OK)
+		rc = load_reference(job, reference, err);
 	if (rc == GD_OK)
 		rc = load_mask(job, err);
 	for (int i = 0; rc == GD_OK && i < n; i++)
@@ -554,14 +567,16 @@ static int run(struct job *job, struct gd_err *err)
 		return rc;
 	warn(job);
 	judge(job);
-	return report(job, reference, err);
+	if (opt->heatmap)
+		rc = write_heatmaps(job, err);
+	return rc == GD_OK ? report(job, reference, err) : rc;
 }
 
 int main(int argc, char **argv)
 {
 	struct job job = { .opt = { .form = "r2+eps", .layer = "colour", .windows = "same", .format = "text",
 				    .output = "-", .error = "error", .conf = GD_RELMSE_DEFAULTS, .max = INFINITY,
-				    .block = 8 } };
+				    .heatmap_max = 0.5, .block = 8 } };
 	struct options *opt = &job.opt;
 	const struct gd_opt opts[] = {
 		GD_OPT('o', "output", "FILE", &opt->output, "write the table to FILE"),
@@ -581,6 +596,8 @@ int main(int argc, char **argv)
 		GD_OPT(0, "error", "LAYER", &opt->error, "the layer that --rank looks at"),
 		GD_NUM(0, "block", "SIDE", &opt->block, 1, 4096, "side of the blocks of --rank, pixels"),
 		GD_NUM(0, "max", "VALUE", &opt->max, -1e300, 1e300, "exit with 1 if a relMSE is above VALUE"),
+		GD_OPT(0, "heatmap", "FILE.png", &opt->heatmap, "pictures of the relative error of each pixel"),
+		GD_NUM(0, "heatmap-max", "VALUE", &opt->heatmap_max, 1e-6, 1e6, "relative error at the bright end"),
 		GD_OPT_END
 	};
 	const struct gd_cmd cmd = { .name = "gdrelmse", .operands = "image.exr... reference.exr",
@@ -591,7 +608,10 @@ int main(int argc, char **argv)
 
 	gd_cli_parse(&job.cli, &cmd, argc, argv);
 	rc = run(&job, &err);
+	for (int i = 0; job.result && i < job.cli.noperand; i++)
+		gd_picture_free(&job.result[i].heatmap);
 	free(job.result);
+	free(job.ref.mean);
 	gd_image_free(&job.ref.im);
 	gd_image_free(&job.mask.im);
 	return gd_cli_finish(&job.cli, rc, &err);

@@ -5,6 +5,9 @@
 #include <string.h>
 
 #define PROLOGUE	8		/* magic number and version */
+#define VERSION_AT	4
+#define MULTIPART	0x1000u		/* in the version: several parts, ended by an empty one */
+#define MAX_HEADER	((uint64_t)1 << 28)
 #define FIRST_BYTES	65536		/* nearly every header is shorter */
 
 bool gd_exr_structural(const char *name)
@@ -105,6 +108,47 @@ int gd_exr_header_attrs(struct gd_image *im, const struct gd_input *in, int part
 		n = n < in->size / 4 ? 4 * n : in->size;
 	}
 	free(buf);
+	return rc;
+}
+
+/* STEP_END: w->at is behind the header of all parts. */
+static enum step walk_header(struct walk *w)
+{
+	struct gd_attr a;
+	uint32_t version;
+	enum step step;
+
+	if (w->n < PROLOGUE)
+		return STEP_SHORT;
+	memcpy(&version, w->v + VERSION_AT, sizeof(version));
+	w->at = PROLOGUE;
+	for (;;) {
+		int attrs = 0;
+		while ((step = walk_attr(w, &a)) == STEP_ATTR)
+			attrs++;
+		if (step == STEP_SHORT || !(version & MULTIPART) || attrs == 0)
+			return step;
+	}
+}
+
+int gd_exr_header_keep(struct gd_input *in, uint64_t *end, struct gd_err *err)
+{
+	uint64_t n = in->stream ? PROLOGUE : in->size;
+	int rc = GD_OK;
+
+	for (*end = 0; rc == GD_OK; n = in->size + in->size / 2) {
+		rc = gd_input_keep(in, n, err);
+		struct walk w = { in->mem, in->size, 0 };
+		if (rc != GD_OK || !in->mem)
+			break;
+		if (walk_header(&w) == STEP_END)
+			*end = w.at;
+		if (*end || !in->stream)
+			break;
+		if (in->size > MAX_HEADER)
+			rc = gd_fail(err, GD_EFORMAT, "%s: a header of more than %d MiB", in->label,
+				     (int)(MAX_HEADER >> 20));
+	}
 	return rc;
 }
 

@@ -22,6 +22,12 @@ bool gd_exr_structural(const char *name);
 /* Copies the other attributes of a part (from 0) into im. The header must have passed the library. */
 int gd_exr_header_attrs(struct gd_image *im, const struct gd_input *in, int part, struct gd_err *err);
 
+/*
+ * Keeps a stream up to the end of its header and returns that offset in *end; a stream that ends before
+ * is no failure here: the library will name what is missing.
+ */
+int gd_exr_header_keep(struct gd_input *in, uint64_t *end, struct gd_err *err);
+
 /* Bytes that grow. */
 struct gd_bytes {
 	unsigned char *v;

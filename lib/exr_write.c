@@ -14,6 +14,7 @@
 
 #include "exr_header.h"
 #include "output.h"
+#include "turn.h"
 
 #define ZIP_LEVEL	4		/* nearly the size of level 6 for half the time */
 #define LEADER		8		/* bytes before a chunk's data */
@@ -86,7 +87,8 @@ static bool has_long_names(const struct gd_image *im)
 }
 
 /* Floats of a required attribute that the image may carry, else their default. */
-static void required_floats(const struct gd_image *im, const char *name, const char *type, float *v, size_t n)
+static void required_floats(const struct gd_image *im, const char *name, const char *type, float *v,
+			    size_t n)
 {
 	const struct gd_attr *a = gd_attr_find(im, name);
 
@@ -254,6 +256,7 @@ static int write_raw(struct writer *w, struct gd_err *err)
 {
 	uint64_t at = w->head.n + table_bytes(w), size = LEADER + w->row_bytes;
 	int group = (int)(RAW_BYTES / size) + 1, ngroup = (w->nchunk + group - 1) / group, rc;
+	struct gd_turn turn = GD_TURN_START;
 
 	for (int i = 0; i < w->nchunk; i++)
 		w->offset[i] = at + (uint64_t)i * size;
@@ -265,18 +268,17 @@ static int write_raw(struct writer *w, struct gd_err *err)
 #pragma omp parallel
 	{
 		unsigned char *buf = malloc((size_t)group * size);
-#pragma omp for ordered schedule(dynamic, 1)
+#pragma omp for schedule(monotonic : dynamic, 1)
 		for (int g = 0; g < ngroup; g++) {
 			unsigned char *end = buf;
 			for (int y = g * group; buf && y < (g + 1) * group && y < w->nchunk; y++)
 				end = pack_row(w, pack_leader(w, end, y, w->row_bytes), y);
-#pragma omp ordered
-			{
-				if (!buf && rc == GD_OK)
-					rc = gd_fail(err, GD_ENOMEM, "%s: out of memory", w->label);
-				if (rc == GD_OK)
-					rc = gd_output_add(w->out, buf, (size_t)(end - buf), err);
-			}
+			gd_turn_wait(&turn, g);
+			if (!buf && rc == GD_OK)
+				rc = gd_fail(err, GD_ENOMEM, "%s: out of memory", w->label);
+			if (rc == GD_OK)
+				rc = gd_output_add(w->out, buf, (size_t)(end - buf), err);
+			gd_turn_pass(&turn);
 		}
 		free(buf);
 	}
@@ -284,8 +286,8 @@ static int write_raw(struct writer *w, struct gd_err *err)
 }
 
 /* Compresses a packed chunk; *data is the smaller of both forms. */
-static exr_result_t compress(struct writer *w, exr_encode_pipeline_t *pipe, int chunk, unsigned char *packed,
-			     size_t bytes, const void **data, size_t *n)
+static exr_result_t compress(struct writer *w, exr_encode_pipeline_t *pipe, int chunk,
+			     unsigned char *packed, size_t bytes, const void **data, size_t *n)
 {
 	exr_chunk_info_t info;
 	exr_result_t code;
@@ -329,6 +331,7 @@ static int add_chunk(struct writer *w, int chunk, const void *data, size_t n, st
 
 static int write_compressed(struct writer *w, struct gd_err *err)
 {
+	struct gd_turn turn = GD_TURN_START;
 	int rc = gd_output_add(w->out, w->head.v, w->head.n, err);
 
 	if (rc == GD_OK)	/* not yet known */
@@ -339,7 +342,7 @@ static int write_compressed(struct writer *w, struct gd_err *err)
 	{
 		exr_encode_pipeline_t pipe = EXR_ENCODE_PIPELINE_INITIALIZER;
 		unsigned char *packed = malloc((size_t)w->rows * w->row_bytes);
-#pragma omp for ordered schedule(dynamic, 1)
+#pragma omp for schedule(monotonic : dynamic, 1)
 		for (int i = 0; i < w->nchunk; i++) {
 			exr_result_t code = packed ? EXR_ERR_SUCCESS : EXR_ERR_OUT_OF_MEMORY;
 			unsigned char *end = packed;
@@ -349,13 +352,12 @@ static int write_compressed(struct writer *w, struct gd_err *err)
 				end = pack_row(w, end, i * w->rows + y);
 			if (packed)
 				code = compress(w, &pipe, i, packed, (size_t)(end - packed), &data, &n);
-#pragma omp ordered
-			{
-				if (code != EXR_ERR_SUCCESS && rc == GD_OK)
-					rc = fail_library(w, code, err);
-				if (rc == GD_OK)
-					rc = add_chunk(w, i, data, n, err);
-			}
+			gd_turn_wait(&turn, i);
+			if (code != EXR_ERR_SUCCESS && rc == GD_OK)
+				rc = fail_library(w, code, err);
+			if (rc == GD_OK)
+				rc = add_chunk(w, i, data, n, err);
+			gd_turn_pass(&turn);
 		}
 		exr_encoding_destroy(w->ctx, &pipe);
 		free(packed);

@@ -5,11 +5,7 @@
 
 #include "gd.h"
 
-/*
- * Writes size bytes to path: a temporary name beside it, fsync, rename, so that it appears whole or not
- * at all. "-" is standard output; what exists and is no regular file (/dev/full, a fifo) is written as a
- * stream. GD_EIO with errno's text; a broken pipe sets err->text to "" (end quietly).
- */
+/* Writes size bytes to path, whole or not at all, as gd_output_open() and its kin do. */
 int gd_file_write(const char *path, const void *data, size_t size, struct gd_err *err);
 
 #endif

@@ -13,7 +13,6 @@
 #define PIPE_BYTES	(1 << 20)		/* the most an unprivileged process may ask for */
 #define FIRST_MAP	((size_t)1 << 36)	/* address space to ask for at first */
 #define READ_BYTES	(8 << 20)		/* the most that one read takes */
-#define HEAD		8			/* bytes shown to accept() */
 #define MAX_SLURP	((uint64_t)1 << 38)
 
 static int fail_errno(const struct gd_input *in, struct gd_err *err)
@@ -41,7 +40,7 @@ static void *reserve(size_t size)
  * Makes room for at least want bytes. Address space costs nothing, so the first try takes plenty and
  * the mapping hardly ever has to move; where little is allowed it doubles.
  */
-static int slurp_grow(struct gd_input *in, uint64_t want, struct gd_err *err)
+static int slurp_grow(struct gd_input *in, uint64_t want, bool huge, struct gd_err *err)
 {
 	size_t size = in->mem ? 2 * in->mapped : FIRST_MAP;
 	void *mem = MAP_FAILED;
@@ -62,7 +61,8 @@ static int slurp_grow(struct gd_input *in, uint64_t want, struct gd_err *err)
 			       (unsigned long long)in->size);
 	in->mem = mem;
 	in->mapped = size;
-	madvise(mem, size, MADV_HUGEPAGE);
+	if (huge)	/* a header does not need them */
+		madvise(mem, size, MADV_HUGEPAGE);
 	return GD_OK;
 }
 
@@ -75,39 +75,43 @@ static void slurp_trim(struct gd_input *in)
 		in->mapped = used;
 }
 
-/* Reads a pipe to its end. */
-static int slurp(struct gd_input *in,
-		 int (*accept)(const struct gd_input *, const unsigned char *, size_t, struct gd_err *),
-		 struct gd_err *err)
+int gd_input_keep(struct gd_input *in, uint64_t n, struct gd_err *err)
 {
-	bool accepted = false;
-	int64_t got = 1;
 	int rc = GD_OK;
 
-	fcntl(in->fd, F_SETPIPE_SZ, PIPE_BYTES);	/* fails for what is no pipe: no matter */
-	while (rc == GD_OK && got > 0) {
+	while (in->stream && in->size < n && rc == GD_OK) {
 		if (in->size + READ_BYTES > in->mapped)
-			rc = slurp_grow(in, in->size + READ_BYTES, err);
+			rc = slurp_grow(in, in->size + READ_BYTES, n > READ_BYTES, err);
 		if (rc != GD_OK)
 			break;
-		got = read_some(in->fd, in->mem + in->size, READ_BYTES);
+		int64_t got = read_some(in->fd, in->mem + in->size,
+					n - in->size < READ_BYTES ? n - in->size : READ_BYTES);
 		if (got < 0)
-			rc = fail_errno(in, err);
-		else
-			in->size += (uint64_t)got;
-		if (rc == GD_OK && accept && !accepted && (in->size >= HEAD || got == 0)) {
-			rc = accept(in, in->mem, in->size < HEAD ? in->size : HEAD, err);
-			accepted = true;
-		}
+			return fail_errno(in, err);
+		in->size += (uint64_t)got;
+		in->stream = got > 0;
 	}
-	if (rc == GD_OK)
+	if (!in->stream && in->mem)
 		slurp_trim(in);
 	return rc;
 }
 
-int gd_input_open(struct gd_input *in, const char *path,
-		  int (*accept)(const struct gd_input *, const unsigned char *, size_t, struct gd_err *),
-		  struct gd_err *err)
+int gd_input_next(struct gd_input *in, void *buf, size_t n, struct gd_err *err)
+{
+	size_t done = 0;
+
+	while (done < n) {
+		int64_t got = read_some(in->fd, (char *)buf + done, n - done);
+		if (got < 0)
+			return fail_errno(in, err);
+		if (got == 0)
+			return gd_fail(err, GD_EFORMAT, "%s: truncated", in->label);
+		done += (size_t)got;
+	}
+	return GD_OK;
+}
+
+int gd_input_open(struct gd_input *in, const char *path, struct gd_err *err)
 {
 	bool standard = strcmp(path, "-") == 0;
 	struct stat st;
@@ -127,9 +131,9 @@ int gd_input_open(struct gd_input *in, const char *path,
 		in->base = at > 0 ? (uint64_t)at : 0;
 		in->size = (uint64_t)st.st_size > in->base ? (uint64_t)st.st_size - in->base : 0;
 	} else {
-		rc = slurp(in, accept, err);
-		close(in->fd);
-		in->fd = -1;
+		in->stream = true;
+		fcntl(in->fd, F_SETPIPE_SZ, PIPE_BYTES);	/* fails for what is no pipe: no matter */
+		rc = gd_input_keep(in, 1, err);
 	}
 	if (rc == GD_OK && in->size == 0)
 		rc = gd_fail(err, GD_EFORMAT, "%s: empty", in->label);

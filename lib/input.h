@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * The bytes of an input, at any offset, from a file or a pipe. A regular file is read with pread, so
- * that nothing happens to the process when another one shortens it. Anything else is read to its end
- * into memory, whose pages can be given back as they are done with.
+ * that nothing happens to the process when another one shortens it. Anything else is a stream: as much
+ * of it as is asked for is kept in memory, and what follows can be read on or kept as a whole. Pages of
+ * what was kept can be given back as they are done with.
  */
 #ifndef GD_INPUT_H
 #define GD_INPUT_H
@@ -16,22 +17,21 @@
 struct gd_input {
 	const char *path;	/* as the caller gave it; "-" is standard input */
 	const char *label;	/* for messages: path, or "stdin" */
-	int fd;			/* -1 once its bytes are in memory */
+	int fd;
 	uint64_t base;		/* offset of the first byte in fd */
-	uint64_t size;		/* bytes */
-	unsigned char *mem;	/* all of them, or NULL */
+	uint64_t size;		/* bytes; of a stream, those kept so far */
+	bool stream;		/* there may be more in fd than size */
+	unsigned char *mem;	/* what is kept of a stream, or NULL */
 	size_t mapped;		/* bytes of the mapping behind mem */
 	uint64_t *left;		/* per block of mem, bytes still needed; NULL: keep all */
 };
 
-/*
- * Opens path, which must stay valid as long as in. accept (may be NULL) is shown the first bytes of
- * what has to be read whole and refuses it by returning something other than GD_OK.
- */
-int gd_input_open(struct gd_input *in, const char *path,
-		  int (*accept)(const struct gd_input *in, const unsigned char *head, size_t n,
-				struct gd_err *err),
-		  struct gd_err *err);
+/* Opens path, which must stay valid as long as in. */
+int gd_input_open(struct gd_input *in, const char *path, struct gd_err *err);
+/* Keeps at least n bytes of a stream, or all if there are less; then in->stream is false. */
+int gd_input_keep(struct gd_input *in, uint64_t n, struct gd_err *err);
+/* Reads the next n bytes of a stream, behind those that are kept, which are then the last of it. */
+int gd_input_next(struct gd_input *in, void *buf, size_t n, struct gd_err *err);
 void gd_input_close(struct gd_input *in);	/* takes { .fd = -1 } */
 
 /* Reads n bytes at offset; the number read is smaller only at the end, -1 with errno set on failure. */

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "select.h"
+
 static const struct form {
 	const char *name, *plain, *halves;
 } forms[GD_REL_FORMS] = {
@@ -182,48 +184,6 @@ static void add_sums(struct sums *to, const struct sums *s)
 }
 
 /*
- * The k-th smallest (from 0) of v[lo .. n - 1], which it reorders so that nothing before k is larger.
- * Three-way partition about a median of three: runs of equal values (black pixels) cost one pass.
- */
-static double nth(double *v, size_t lo, size_t n, size_t k)
-{
-	while (n - lo > 1) {
-		double a = v[lo], b = v[lo + (n - lo) / 2], c = v[n - 1];
-		double mid = a < b ? (b < c ? b : a < c ? c : a) : (a < c ? a : b < c ? c : b);
-		size_t less = lo, i = lo, more = n;
-
-		while (i < more) {
-			double t = v[i];
-
-			if (t < mid) {
-				v[i++] = v[less];
-				v[less++] = t;
-			} else if (t > mid) {
-				v[i] = v[--more];
-				v[more] = t;
-			} else {
-				i++;
-			}
-		}
-		if (k < less)
-			n = less;
-		else if (k >= more)
-			lo = more;
-		else
-			return mid;
-	}
-	return v[lo];
-}
-
-/* Nearest rank: the smallest value that at least a share q of the n are not above. */
-static size_t rank_of(double q, size_t n)
-{
-	double k = ceil(q * (double)n);
-
-	return k < 1 ? 0 : k > (double)n ? n - 1 : (size_t)k - 1;
-}
-
-/*
  * Percentiles and trimmed mean of the n values in v (reordered). The trimmed sum runs over e in pixel
  * order, so that it does not depend on how v was reordered; of values equal to the bound, as many are
  * kept as the count asks for.
@@ -233,11 +193,11 @@ static void order_statistics(struct gd_relmse *res, double *v, size_t n, const d
 	size_t keep = n - (size_t)(trim * (double)n), below = 0;
 	double bound, sum = 0;
 
-	res->p50 = nth(v, 0, n, rank_of(0.50, n));
-	res->p95 = nth(v, rank_of(0.50, n), n, rank_of(0.95, n));
-	res->p99 = nth(v, rank_of(0.95, n), n, rank_of(0.99, n));
-	res->max = nth(v, rank_of(0.99, n), n, n - 1);
-	bound = nth(v, 0, n, keep - 1);
+	res->p50 = gd_select(v, 0, n, gd_quantile_index(0.50, n));
+	res->p95 = gd_select(v, gd_quantile_index(0.50, n), n, gd_quantile_index(0.95, n));
+	res->p99 = gd_select(v, gd_quantile_index(0.95, n), n, gd_quantile_index(0.99, n));
+	res->max = gd_select(v, gd_quantile_index(0.99, n), n, n - 1);
+	bound = gd_select(v, 0, n, keep - 1);
 	for (size_t i = 0; i < ne; i++)
 		if (e[i] < bound) {
 			sum += e[i];

@@ -5,6 +5,7 @@
  * all windows, the coefficients are spread instead: first along y (to the pixel row, where powers of
  * v become numbers), then along x (with K(u) u^k), and the features are multiplied once per pixel.
  */
+#include <float.h>
 #include <string.h>
 
 #include "../apr_impl.h"
@@ -86,8 +87,12 @@ static void finish(struct gd_plane out, int y, const double *restrict row, const
 	float *restrict to = gd_row(out, y);
 	double sy = p->sumy[y];
 
-	for (int x = 0; x < p->w; x++)
-		to[x] = (float)(row[x] / (p->sumx[x] * sy));
+	for (int x = 0; x < p->w; x++) {
+		double v = row[x] / (p->sumx[x] * sy);
+
+		v = v < -(double)FLT_MAX ? -(double)FLT_MAX : v;
+		to[x] = (float)(v > (double)FLT_MAX ? (double)FLT_MAX : v);
+	}
 }
 
 /* row += (f - ref) * coefficient */
