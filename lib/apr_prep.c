@@ -84,12 +84,14 @@ int gd_apr_clean(struct gd_plane value, struct gd_plane var, size_t *count, stru
 			if (!sound(value, var, x, y))
 				m[k++] = mend_at(value, var, x, y);
 	for (size_t i = 0; i < bad; i++) {
-		float *v = gd_row(value, m[i].y) + m[i].x;
+		float *v = gd_row(value, m[i].y) + m[i].x, *s = var.v ? gd_row(var, m[i].y) + m[i].x : NULL;
+		bool good = isfinite(*v);
 
-		*count += !isfinite(*v);
-		*v = isfinite(*v) ? *v : m[i].value;
-		if (var.v)
-			gd_row(var, m[i].y)[m[i].x] = m[i].var;
+		if (s)
+			*s = good && *s == INFINITY ? FLT_MAX : m[i].var;
+		if (!good)
+			*v = m[i].value;
+		*count += !good;
 	}
 	free(m);
 	for (int y = 0; y < var.h && var.v; y++)
@@ -215,6 +217,19 @@ static int median_neighbour(struct gd_plane lum, int x, int y)
 	return v[(n - 1) / 2].at;
 }
 
+/* Standard deviation of the luminance, of fully correlated channels; a variance too large for a float is none. */
+static double deviation(const struct gd_plane *var, int x, int y)
+{
+	double d[3];
+
+	for (int c = 0; c < 3; c++) {
+		float v = gd_row(var[c], y)[x];
+
+		d[c] = v < FLT_MAX ? sqrt((double)v) : INFINITY;
+	}
+	return luminance(d[0], d[1], d[2]);
+}
+
 /*
  * The test of one row; sum, sum2: column sums of its window rows. The neighbours' deviation is taken
  * without the pixel. A millionth of the mean is rounding.
@@ -240,14 +255,8 @@ static int spikes_of_row(struct spike *found, struct gd_plane lum, const struct 
 		if (excess <= 1e-6 * fabs(mean) ||
 		    excess * excess <= SPIKE_DEVIATIONS * SPIKE_DEVIATIONS * (s2 / n - mean * mean))
 			continue;
-		if (trust_var) {
-			double deviation = luminance(sqrt((double)gd_row(var[0], y)[x]),
-						     sqrt((double)gd_row(var[1], y)[x]),
-						     sqrt((double)gd_row(var[2], y)[x]));
-
-			if (excess > 2 * deviation)
-				continue;
-		}
+		if (trust_var && excess > 2 * deviation(var, x, y))
+			continue;
 		found[count].at = y * lum.w + x;
 		found[count++].from = median_neighbour(lum, x, y);
 	}

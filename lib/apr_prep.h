@@ -14,7 +14,8 @@
 /*
  * Mends a plane in place. A value that is NaN or Inf becomes the median of the finite ones in the
  * smallest window, 3x3 to 17x17, that has any, else 0; its variance (var.v may be NULL) the largest
- * finite one there. A variance that is not finite on its own becomes that too; below 0 it becomes 0.
+ * finite one there. Of a sound value, a variance that is NaN becomes that too, Inf the largest float
+ * (the square of a firefly), and what is below 0 becomes 0.
  * Adds the number of values mended to *count.
  */
 int gd_apr_clean(struct gd_plane value, struct gd_plane var, size_t *count, struct gd_err *err);
