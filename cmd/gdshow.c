@@ -198,10 +198,30 @@ static int draw(struct job *job, struct gd_picture *pic, const struct gd_image *
 	return rc;
 }
 
+/* What tells the operand from the others: its base name, and if another one has the same, its folder too. */
+static const char *short_name(const struct job *job, const char *path)
+{
+	const char *base = strrchr(path, '/'), *dir;
+	int same = 0;
+
+	if (!base)
+		return path;
+	for (int i = 0; i < job->nimage; i++) {
+		const char *other = strrchr(job->cli.operand[i], '/');
+
+		same += !strcmp(base + 1, other ? other + 1 : job->cli.operand[i]);
+	}
+	if (same < 2)
+		return base + 1;
+	for (dir = base; dir > path && dir[-1] != '/'; dir--)
+		;
+	return dir;
+}
+
 /* The k-th (from 0) text of --labels, else the file's name and the layer's; malloc'ed. */
 static char *make_label(const struct job *job, int k, const char *path, const char *layer)
 {
-	const char *text = job->opt.labels, *base = strrchr(path, '/');
+	const char *text = job->opt.labels, *name = short_name(job, path);
 	char *label = NULL;
 	int length;
 
@@ -211,9 +231,8 @@ static char *make_label(const struct job *job, int k, const char *path, const ch
 	}
 	if (job->opt.labels)
 		return text ? strndup(text, strcspn(text, ",")) : strdup("");
-	base = base ? base + 1 : path;
-	length = *layer && job->nimage > 1 ? asprintf(&label, "%s %s", base, layer) :
-		asprintf(&label, "%s", *layer ? layer : base);
+	length = *layer && job->nimage > 1 ? asprintf(&label, "%s %s", name, layer) :
+		asprintf(&label, "%s", *layer ? layer : name);
 	return length < 0 ? NULL : label;
 }
 

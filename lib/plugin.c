@@ -275,7 +275,7 @@ int gd_plugin_png(unsigned char **png, size_t *size, const void *pixel, int w, i
 	const struct gd_shim *shim;
 
 	*png = NULL;
-	if (w < 1 || h < 1 || (n != 1 && n != 3 && n != 4) || (bits != 8 && bits != 16))
+	if (w < 1 || h < 1 || (n != 1 && n != 3) || (bits != 8 && bits != 16))
 		return gd_fail(err, GD_EARG, "PNG: %dx%d, %d channels of %d bits", w, h, n, bits);
 	shim = load(err);
 	return shim ? shim->png(png, size, pixel, w, h, n, bits, err) : GD_EIO;

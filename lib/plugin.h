@@ -25,7 +25,8 @@ struct gd_plugin_file;		/* an image file opened through OpenImageIO */
  *        gd_plugin_close() (for standard input: give a path like "stdin.exr")
  * part   of a multi-part file, from 0
  * Formats of integer pixels give float channels in 0 .. 1; where the file says that it is sRGB-encoded
- * (PNG, JPEG, ...) R, G and B are linearised. On failure *file is NULL and im is empty.
+ * (PNG, JPEG, ...) R, G and B are linearised, and not multiplied by alpha.
+ * On failure *file is NULL and im is empty.
  */
 int gd_plugin_open(struct gd_plugin_file **file, struct gd_image *im, const char *path,
 		   const void *data, size_t size, int part, struct gd_err *err);
@@ -39,7 +40,7 @@ void gd_plugin_close(struct gd_plugin_file *file);	/* takes NULL */
 
 /*
  * Encodes a PNG into memory: *png is malloc'ed, *size its bytes.
- * pixel  h x w x n interleaved, n = 1 (grey), 3 or 4; bits = 8: unsigned char, 16: unsigned short
+ * pixel  h x w x n interleaved, n = 1 (grey) or 3; bits = 8: unsigned char, 16: unsigned short
  */
 int gd_plugin_png(unsigned char **png, size_t *size, const void *pixel, int w, int h, int n, int bits,
 		  struct gd_err *err);

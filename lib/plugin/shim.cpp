@@ -111,7 +111,9 @@ int open_file(File &f, const void *data, size_t size, struct gd_err *err)
 
 	if (data)
 		f.memory.reset(new OIIO::Filesystem::IOMemReader(const_cast<void *>(data), size));
-	f.in = OIIO::ImageInput::open(f.path, nullptr, f.memory.get());
+	OIIO::ImageSpec hints;
+	hints.attribute("oiio:UnassociatedAlpha", 1);	/* colour as it is in the file */
+	f.in = OIIO::ImageInput::open(f.path, &hints, f.memory.get());
 	if (!f.in) {
 		std::string why = OIIO::geterror();
 
