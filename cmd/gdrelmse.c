@@ -34,7 +34,6 @@ struct source {
 	int n;
 	bool halves;
 	struct gd_plane v[GD_LAYER_PLANES], a[GD_LAYER_PLANES], b[GD_LAYER_PLANES];
-	float *mean;			/* of the halves; v lies in it */
 	struct gd_layer layer;
 };
 
@@ -113,22 +112,6 @@ static void half_name(char *name, size_t size, int half, const char *layer)
 	snprintf(name, size, "half%d%s%s", half, *layer ? "." : "", layer);
 }
 
-static int average_halves(struct source *s, struct gd_err *err)
-{
-	size_t size = (size_t)s->im.h * gd_stride(s->im.w);
-
-	s->mean = gd_alloc(size * (size_t)s->n, sizeof(float));
-	if (!s->mean)
-		return gd_fail(err, GD_ENOMEM, "out of memory");
-	for (int c = 0; c < s->n; c++) {
-		s->v[c] = gd_plane_of(s->mean + (size_t)c * size, s->im.w, s->im.h);
-		for (int y = 0; y < s->im.h; y++)
-			for (int x = 0; x < s->im.w; x++)
-				gd_row(s->v[c], y)[x] = 0.5f * gd_row(s->a[c], y)[x] + 0.5f * gd_row(s->b[c], y)[x];
-	}
-	return GD_OK;
-}
-
 /* The halves if the file has both and they may be used, else the layer itself. */
 static int load_reference(struct job *job, const char *path, struct gd_err *err)
 {
@@ -159,7 +142,7 @@ static int load_reference(struct job *job, const char *path, struct gd_err *err)
 	s->n = s->halves ? gd_layer_planes(&s->im, half[0], s->a) : gd_layer_planes(&s->im, layer, s->v);
 	if (s->halves)
 		gd_layer_planes(&s->im, half[1], s->b);
-	return s->halves ? average_halves(s, err) : GD_OK;
+	return GD_OK;
 }
 
 /* FILE or FILE:channel; the channel defaults to mask, Y, R, or the only one. */
@@ -265,8 +248,9 @@ static int line_up(struct gd_relmse_in *in, struct gd_plane *est, const struct j
 	if (ref->halves) {
 		crop_all(in->a, ref->a, s->n, v);
 		crop_all(in->b, ref->b, s->n, v);
+	} else {
+		crop_all(in->r, ref->v, s->n, v);
 	}
-	crop_all(in->r, ref->v, s->n, v);
 	if (job->masked)
 		in->mask = gd_crop_plane(job->mask.v[0], m);
 	return GD_OK;
@@ -315,31 +299,23 @@ static double sum_seconds(const struct gd_image *im)
 	return sum;
 }
 
-/* Root of each pixel's error against the reference itself, which has less noise than its halves. */
-static int draw(struct gd_picture *pic, const struct job *job, struct gd_relmse_in in, struct gd_err *err)
+static int draw(struct gd_picture *pic, const struct job *job, const struct gd_relmse_in *in, struct gd_err *err)
 {
-	const int w = in.x[0].w, h = in.x[0].h;
+	const int w = in->x[0].w, h = in->x[0].h;
 	struct gd_show_conf conf = { .as = GD_SHOW_SCALAR };
-	struct gd_plane root = gd_plane_of(gd_alloc((size_t)h, gd_stride(w) * sizeof(float)), w, h);
-	double *e = gd_alloc((size_t)w * (size_t)h, sizeof(*e));
-	struct gd_relmse m;
-	int rc = GD_OK;
+	struct gd_plane map = gd_plane_of(gd_alloc((size_t)h, gd_stride(w) * sizeof(float)), w, h);
+	int rc;
 
 	conf.range = (struct gd_show_range){ 0, (float)job->opt.heatmap_max, GD_SHOW_LINEAR };
-	in.halves = false;
-	if (!root.v || !e)
-		rc = gd_fail(err, GD_ENOMEM, "out of memory");
+	if (map.v)
+		rc = gd_relmse_map(map, in, &job->opt.conf, err);
+	else
+		rc = gd_fail(err, GD_ENOMEM, "out of memory (%dx%d pixels)", w, h);
 	if (rc == GD_OK)
-		rc = gd_relmse(&m, e, &in, &job->opt.conf, err);
-	for (int y = 0; rc == GD_OK && y < h; y++)
-		for (int x = 0; x < w; x++)
-			gd_row(root, y)[x] = (float)sqrt(e[(size_t)y * (size_t)w + (size_t)x]);
-	if (rc == GD_OK)
-		rc = gd_show(pic, NULL, &root, 1, &conf, err);
+		rc = gd_show(pic, NULL, &map, 1, &conf, err);
 	if (rc == GD_OK)
 		rc = gd_picture_legend(pic, &conf, err);
-	free(root.v);
-	free(e);
+	free(map.v);
 	return rc;
 }
 
@@ -358,7 +334,7 @@ static int compare(struct job *job, const char *path, struct gd_err *err)
 	if (rc == GD_OK && job->opt.rank)
 		rc = gd_relmse_rank(&res->rank, &in, est, job->opt.block, err);
 	if (rc == GD_OK && job->opt.heatmap)
-		rc = draw(&res->heatmap, job, in, err);
+		rc = draw(&res->heatmap, job, &in, err);
 	if (rc == GD_OK) {
 		res->name = path;
 		res->seconds = sum_seconds(&s.im);
@@ -611,7 +587,6 @@ int main(int argc, char **argv)
 	for (int i = 0; job.result && i < job.cli.noperand; i++)
 		gd_picture_free(&job.result[i].heatmap);
 	free(job.result);
-	free(job.ref.mean);
 	gd_image_free(&job.ref.im);
 	gd_image_free(&job.mask.im);
 	return gd_cli_finish(&job.cli, rc, &err);

@@ -319,6 +319,40 @@ int gd_relmse(struct gd_relmse *res, double *e, const struct gd_relmse_in *in,
 	return rc;
 }
 
+static float relative_error(const struct pixel *p, int n, const struct gd_relmse_conf *conf)
+{
+	double g = grey(p, n, conf->form), sum = 0;
+
+	for (int c = 0; c < n; c++)
+		sum += (p->x[c] - p->r[c]) * (p->x[c] - p->r[c]) / divisor(p, c, g, conf);
+	return (float)sqrt(sum / n);
+}
+
+int gd_relmse_map(struct gd_plane map, const struct gd_relmse_in *in, const struct gd_relmse_conf *conf,
+		  struct gd_err *err)
+{
+	int rc = check_conf(conf, err);
+
+	if (rc == GD_OK)
+		rc = check(in, err);
+	if (rc == GD_OK && !same_size(map, in->x[0]))
+		rc = gd_fail(err, GD_ESHAPE, "relmse: the map is %dx%d, the image %dx%d", map.w, map.h, in->x[0].w, in->x[0].h);
+	if (rc != GD_OK)
+		return rc;
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < map.h; y++) {
+		struct rows at = rows_at(in, y);
+		struct pixel p;
+
+		for (int x = 0; x < map.w; x++) {
+			bool shown = pixel_at(&p, &at, x) == COMPARED && !p.nonfinite;
+
+			gd_row(map, y)[x] = shown ? relative_error(&p, in->n, conf) : NAN;
+		}
+	}
+	return GD_OK;
+}
+
 struct ranked {
 	double value, rank;
 	size_t i;

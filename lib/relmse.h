@@ -69,6 +69,14 @@ const char *gd_relmse_formula(enum gd_relmse_form form, bool halves);
 int gd_relmse(struct gd_relmse *res, double *e, const struct gd_relmse_in *in,
 	      const struct gd_relmse_conf *conf, struct gd_err *err);
 
+/*
+ * A map for the eye: root of the mean over channels of (x - r)^2 / divisor, the relative error of each pixel.
+ * Against halves too r is their mean, with its noise: (x - a)(x - b) of one pixel alone may be negative.
+ * map   out  h x w; NaN where the pixel is left out or x is not finite
+ */
+int gd_relmse_map(struct gd_plane map, const struct gd_relmse_in *in, const struct gd_relmse_conf *conf,
+		  struct gd_err *err);
+
 struct gd_relmse_rank {
 	double rho;		/* Spearman's rank correlation, ties at their mean rank; NaN if either is constant */
 	double ratio;		/* mean estimate / mean true squared error */

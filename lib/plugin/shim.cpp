@@ -112,8 +112,12 @@ int open_file(File &f, const void *data, size_t size, struct gd_err *err)
 	if (data)
 		f.memory.reset(new OIIO::Filesystem::IOMemReader(const_cast<void *>(data), size));
 	OIIO::ImageSpec hints;
+	OIIO::Filesystem::IOProxy *memory = f.memory.get();
+
 	hints.attribute("oiio:UnassociatedAlpha", 1);	/* colour as it is in the file */
-	f.in = OIIO::ImageInput::open(f.path, &hints, f.memory.get());
+	if (memory)
+		hints.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &memory);	/* some formats look for it here */
+	f.in = OIIO::ImageInput::open(f.path, &hints, memory);
 	if (!f.in) {
 		std::string why = OIIO::geterror();
 

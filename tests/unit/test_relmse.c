@@ -355,6 +355,27 @@ static void refusals(void **state)
 	free(f.v);
 }
 
+static void maps(void **state)
+{
+	struct fixture f = make(2, 3, 1);
+	struct gd_relmse_conf conf = { .eps = 1 };
+	struct gd_err err = { 0 };
+
+	(void)state;
+	f.in.halves = true;
+	f.in.x[0].v[0] = 3;		/* against 1 and 3: (3 - 2)^2 / (2^2 + 1), and 0 in the other channel */
+	f.in.a[0].v[0] = 1;
+	f.in.b[0].v[0] = 3;
+	f.in.x[1].v[1] = NAN;
+	f.in.a[1].v[2] = INFINITY;
+	assert_int_equal(gd_relmse_map(f.in.r[0], &f.in, &conf, &err), GD_OK);
+	assert_close(f.in.r[0].v[0], sqrt(0.1), 1e-6);
+	assert_true(isnan(f.in.r[0].v[1]) && isnan(f.in.r[0].v[2]));
+	f.in.r[0].w = 2;
+	assert_int_equal(gd_relmse_map(f.in.r[0], &f.in, &conf, &err), GD_ESHAPE);
+	free(f.v);
+}
+
 /* Blocks of 8 x 8 with errors 1, 2, .. in some order; the last ones are partial. */
 static void ranks(void **state)
 {
@@ -423,7 +444,7 @@ int main(void)
 		cmocka_unit_test(closed_forms), cmocka_unit_test(order_statistics), cmocka_unit_test(selects),
 		cmocka_unit_test(permutation), cmocka_unit_test(free_of_noise), cmocka_unit_test(equal_halves),
 		cmocka_unit_test(not_finite), cmocka_unit_test(fireflies), cmocka_unit_test(masks),
-		cmocka_unit_test(any_number_of_threads), cmocka_unit_test(refusals), cmocka_unit_test(ranks),
+		cmocka_unit_test(any_number_of_threads), cmocka_unit_test(maps), cmocka_unit_test(refusals), cmocka_unit_test(ranks),
 		cmocka_unit_test(tied_ranks), cmocka_unit_test(names),
 	};
 
