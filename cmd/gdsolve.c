@@ -1,0 +1,190 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* gdsolve: the image behind noisy gradients, by one Poisson solve. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "buffers.h"
+#include "cli.h"
+#include "poisson.h"
+
+struct job {
+	struct gd_cli cli;
+	struct gd_image im;
+	struct gd_poisson_conf conf;
+	struct gd_poisson_in in;
+	struct gd_poisson_result result;
+	const char *method, *layer;
+	bool keep;
+};
+
+static int choose_method(struct job *job, struct gd_err *err)
+{
+	static const char *const names[] = { "ols", "wls", "l2", "l1" };
+
+	for (int i = 0; i < 4; i++)
+		if (!strcmp(job->method, names[i])) {
+			job->conf.method = (enum gd_poisson_method)i;
+			return GD_OK;
+		}
+	return gd_fail(err, GD_EARG, "--method \"%s\": expected ols, wls, l2 or l1", job->method);
+}
+
+/* Gradients, bins and variances are used up; with --layer the colour is not touched and a denoiser may follow. */
+static void drop_used(struct gd_image *im)
+{
+	static const char *const layer[] = { "dx", "dy" };
+
+	gd_layer_want_variance(im, "", GD_DROP);
+	for (int i = 0; i < 2; i++) {
+		gd_layer_want(im, layer[i], GD_DROP);
+		gd_layer_want_variance(im, layer[i], GD_DROP);
+	}
+	gd_family_want(im, "bin", GD_DROP);
+	gd_family_want(im, "half", GD_DROP);
+}
+
+static int need(struct job *job, const char *layer, const char *channel, struct gd_err *err)
+{
+	if (gd_layer_want(&job->im, layer, GD_READ))
+		return GD_OK;
+	return gd_fail(err, GD_ESHAPE, "no channel %s", channel);
+}
+
+static int choose_channels(struct job *job, struct gd_err *err)
+{
+	const bool screened = job->conf.method == GD_L2 || job->conf.method == GD_L1;
+	int rc;
+
+	if (!job->keep && !*job->layer)
+		drop_used(&job->im);
+	rc = need(job, "dx", "dx.R", err);
+	if (rc == GD_OK)
+		rc = need(job, "dy", "dy.R", err);
+	if (rc == GD_OK && !gd_layer_want(&job->im, "", GD_READ)) {
+		if (screened)
+			return gd_fail(err, GD_ESHAPE, "no channel R, which --method %s needs", job->method);
+		gd_cli_warn(&job->cli, "%s: no channel R: the mean of the result is 0", job->cli.input);
+	}
+	if (rc == GD_OK && job->conf.method == GD_WLS) {
+		if (!gd_layer_want_variance(&job->im, "dx", GD_READ))
+			return gd_fail(err, GD_ESHAPE, "no channel dx.variance.R, which --method wls needs");
+		if (!gd_layer_want_variance(&job->im, "dy", GD_READ))
+			return gd_fail(err, GD_ESHAPE, "no channel dy.variance.R, which --method wls needs");
+	}
+	return rc;
+}
+
+static int collect(struct job *job, struct gd_err *err)
+{
+	struct gd_plane dx[GD_LAYER_PLANES], dy[GD_LAYER_PLANES], y[GD_LAYER_PLANES];
+	struct gd_plane vx[GD_LAYER_PLANES] = { { 0 } }, vy[GD_LAYER_PLANES] = { { 0 } };
+	const int n = gd_layer_planes(&job->im, "dx", dx), m = gd_layer_planes(&job->im, "", y);
+
+	if (gd_layer_planes(&job->im, "dy", dy) != n || (m && m != n))
+		return gd_fail(err, GD_ESHAPE, "the layers dx, dy and the colour differ in their number of channels");
+	if (job->conf.method == GD_WLS) {
+		if (gd_layer_variance_planes(&job->im, "dx", vx) != n || gd_layer_variance_planes(&job->im, "dy", vy) != n)
+			return gd_fail(err, GD_ESHAPE, "dx, dy and their variances differ in their number of channels");
+	}
+	job->in.n = n;
+	for (int c = 0; c < n; c++) {
+		job->in.dx[c] = dx[c];
+		job->in.dy[c] = dy[c];
+		job->in.dxvar[c] = vx[c];
+		job->in.dyvar[c] = vy[c];
+		if (m)
+			job->in.primal[c] = y[c];
+	}
+	return GD_OK;
+}
+
+/* The result takes the place of the colour, or becomes a layer of its own. */
+static int solve(struct job *job, struct gd_err *err)
+{
+	struct gd_plane out[GD_LAYER_PLANES], to[GD_LAYER_PLANES];
+	const struct gd_plane like = job->in.dx[0];
+	const size_t size = (size_t)like.h * gd_stride(like.w);
+	float *block = gd_alloc((size_t)job->in.n * size, sizeof(*block));
+	int rc;
+
+	if (!block)
+		return gd_fail(err, GD_ENOMEM, "out of memory");
+	for (int c = 0; c < job->in.n; c++)
+		out[c] = gd_plane_of(block + (size_t)c * size, like.w, like.h);
+	rc = gd_poisson_solve(out, &job->in, &job->conf, &job->result, &job->cli.report, err);
+	if (rc == GD_OK)
+		rc = gd_layer_add(&job->im, job->layer, job->in.n, to, err);
+	for (int c = 0; rc == GD_OK && c < job->in.n; c++)
+		for (int y = 0; y < like.h; y++)
+			memcpy(gd_row(to[c], y), gd_row(out[c], y), (size_t)like.w * sizeof(float));
+	free(block);
+	return rc;
+}
+
+/* What was read only to be used up does not leave. */
+static bool used(const char *name, void *user)
+{
+	(void)user;
+	return !strncmp(name, "dx.", 3) || !strncmp(name, "dy.", 3);
+}
+
+static int run(struct job *job, struct gd_err *err)
+{
+	struct gd_exr *file = NULL;
+	int rc = choose_method(job, err);
+
+	if (rc == GD_OK)
+		rc = gd_cli_open(&job->cli, &file, &job->im, job->cli.input, err);
+	if (rc == GD_OK)
+		rc = choose_channels(job, err);
+	if (rc == GD_OK)
+		rc = gd_cli_load(&job->cli, file, &job->im, err);
+	else
+		gd_exr_close(file);
+	if (rc == GD_OK)
+		rc = collect(job, err);
+	if (rc == GD_OK)
+		rc = solve(job, err);
+	if (rc != GD_OK)
+		return rc;
+	if (!job->keep && !*job->layer)
+		gd_image_drop_if(&job->im, used, NULL);
+	gd_cli_stat(&job->cli, "iterations", job->result.iterations);
+	gd_cli_stat(&job->cli, "residual", job->result.residual);
+	gd_cli_stat(&job->cli, "parts", job->result.parts);
+	gd_cli_stat(&job->cli, "dropped_edges", (double)job->result.dropped);
+	if (!job->result.converged) {
+		gd_cli_warn(&job->cli, "%s: relative residual %.2g after %d iterations, wanted %.2g", job->cli.input,
+			    job->result.residual, job->result.iterations, job->conf.tolerance);
+		job->cli.limit_missed = true;
+	}
+	return gd_cli_write(&job->cli, &job->im, err);
+}
+
+int main(int argc, char **argv)
+{
+	struct job job = { .conf = GD_POISSON_DEFAULTS, .method = "l1", .layer = "" };
+	struct gd_poisson_conf *conf = &job.conf;
+	const struct gd_opt opts[] = {
+		GD_OPT('m', "method", "METHOD", &job.method, "ols, wls, l2 or l1"),
+		GD_NUM('a', "alpha", "WEIGHT", &conf->alpha, 1e-3, 1e3, "weight of the colour against the gradients in l2 and l1"),
+		GD_NUM(0, "tolerance", "RESIDUAL", &conf->tolerance, 1e-12, 1, "relative residual to reach"),
+		GD_NUM(0, "iterations", "N", &conf->max_iterations, 1, 1e6, "most conjugate gradient steps of a linear system"),
+		GD_NUM(0, "reweight", "N", &conf->reweight, 1, 1000, "linear systems to solve for l1"),
+		GD_NUM(0, "floor", "RATIO", &conf->floor, 1e-6, 1e6, "wls: added to each variance, times the median variance"),
+		GD_NUM(0, "smooth", "PIXELS", &conf->smooth_px, 0, 8, "wls: standard deviation of the blur of the variances"),
+		GD_OPT('l', "layer", "LAYER", &job.layer, "write the result to LAYER and leave the rest alone"),
+		GD_FLAG(0, "keep", &job.keep, "write gradients, variances and bins too"),
+		GD_OPT_END
+	};
+	const struct gd_cmd cmd = { .name = "gdsolve", .operands = "[input.exr [output.exr]]",
+				    .summary = "solve for the image behind noisy gradients", .opts = opts,
+				    .min_operands = 0, .max_operands = 2, .filter = true };
+	struct gd_err err = { 0 };
+	int rc;
+
+	gd_cli_parse(&job.cli, &cmd, argc, argv);
+	rc = run(&job, &err);
+	gd_image_free(&job.im);
+	return gd_cli_finish(&job.cli, rc, &err);
+}
