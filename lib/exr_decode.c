@@ -14,6 +14,7 @@
 
 #define MAX_RATIO	2048	/* more than any codec packs into a byte: deflate's limit is 1032 */
 #define LEADER		8	/* bytes before the data of a scanline chunk: row and size */
+#define SMALL		((size_t)256 << 10)	/* less than this is done before threads have woken up */
 #define STREAM_BYTES	((size_t)512 << 10)	/* of a stream, read at a time */
 
 /* Where the rows of a file's channel go. */
@@ -165,8 +166,11 @@ static void decode_failed(struct job *job, size_t i, exr_result_t code)
 static int decode_all(struct job *job, struct gd_err *err)
 {
 	struct gd_exr *file = job->file;
+	uint64_t bytes = 0;
 
-#pragma omp parallel
+	for (size_t i = 0; i < job->nchunk; i++)
+		bytes += job->chunk[i].unpacked_size;
+#pragma omp parallel if (bytes > SMALL)
 	{
 		exr_decode_pipeline_t pipe = EXR_DECODE_PIPELINE_INITIALIZER;
 		unsigned char *buf = NULL;
@@ -206,7 +210,7 @@ static bool plausible(const struct job *job, const exr_chunk_info_t *k)
 	if (k->width < 1 || k->height < 1 || k->packed_size < 1 ||
 	    k->unpacked_size != (uint64_t)k->width * (uint64_t)k->height * pixel)
 		return false;
-	if (k->packed_size > k->unpacked_size || k->unpacked_size / MAX_RATIO > k->packed_size)
+	if (k->unpacked_size / MAX_RATIO > k->packed_size)
 		return false;
 	if (job->file->compression == EXR_COMPRESSION_NONE && k->packed_size != k->unpacked_size)
 		return false;
@@ -348,7 +352,7 @@ static int decode_stream(struct job *job, struct gd_err *err)
 	int h = job->im->h, group = (int)(STREAM_BYTES / job->row_bytes) + 1, rc = GD_OK;
 	struct gd_turn turn = GD_TURN_START;
 
-#pragma omp parallel
+#pragma omp parallel if ((size_t)h * job->row_bytes > SMALL)
 	{
 		unsigned char *buf = malloc((size_t)group * job->row_bytes);
 #pragma omp for schedule(monotonic : dynamic, 1)

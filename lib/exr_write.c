@@ -18,6 +18,7 @@
 
 #define ZIP_LEVEL	4		/* nearly the size of level 6 for half the time */
 #define LEADER		8		/* bytes before a chunk's data */
+#define SMALL		((size_t)256 << 10)	/* less than this is done before threads have woken up */
 #define RAW_BYTES	((size_t)1 << 20)	/* uncompressed rows handed over at a time, about */
 
 struct writer {
@@ -265,7 +266,7 @@ static int write_raw(struct writer *w, struct gd_err *err)
 		rc = gd_output_add(w->out, w->offset, table_bytes(w), err);
 	if (rc != GD_OK)
 		return rc;
-#pragma omp parallel
+#pragma omp parallel if ((size_t)w->im->h * w->row_bytes > SMALL)
 	{
 		unsigned char *buf = malloc((size_t)group * size);
 #pragma omp for schedule(monotonic : dynamic, 1)
@@ -338,7 +339,7 @@ static int write_compressed(struct writer *w, struct gd_err *err)
 		rc = gd_output_add(w->out, w->offset, table_bytes(w), err);
 	if (rc != GD_OK)
 		return rc;
-#pragma omp parallel
+#pragma omp parallel if ((size_t)w->im->h * w->row_bytes > SMALL)
 	{
 		exr_encode_pipeline_t pipe = EXR_ENCODE_PIPELINE_INITIALIZER;
 		unsigned char *packed = malloc((size_t)w->rows * w->row_bytes);

@@ -20,6 +20,10 @@ int gd_fail(struct gd_err *err, int code, const char *format, ...)
 	va_start(ap, format);
 	vsnprintf(err->text, sizeof err->text, format, ap);
 	va_end(ap);
+	/* A text may quote a file: it stays one line and sends nothing to the terminal but text. */
+	for (char *t = err->text; *t; t++)
+		if ((unsigned char)*t < ' ' || *t == 127)
+			*t = '?';
 	return code;
 }
 
