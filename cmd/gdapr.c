@@ -144,6 +144,8 @@ static int choose_channels(struct job *job, struct gd_err *err)
 			snprintf(name, sizeof name, "bin%d", b);
 			gd_layer_want(im, name, GD_READ);
 		}
+	gd_layer_want(im, "half0", GD_READ);
+	gd_layer_want(im, "half1", GD_READ);
 	for (int i = 0; i < job->features.n; i++) {
 		if (!gd_layer_want(im, job->features.name[i], GD_READ))
 			return gd_fail(err, GD_ESHAPE, "no feature layer %s", job->features.name[i]);
@@ -162,6 +164,8 @@ static int fill_frame(struct job *job, struct gd_err *err)
 	struct gd_image *im = &job->im;
 
 	f->ny = gd_layer_planes(im, "", f->y);
+	gd_layer_planes(im, "half0", f->half[0]);
+	gd_layer_planes(im, "half1", f->half[1]);
 	for (int i = 0; i < job->layers.n; i++) {
 		if (f->ny + GD_LAYER_PLANES > GD_APR_RHS)
 			return gd_fail(err, GD_EARG, "more than %d channels to denoise", GD_APR_RHS);
@@ -230,6 +234,7 @@ static int denoise(struct job *job, struct gd_err *err)
 	for (int c = 0; c < f->ny; c++)
 		for (int y = 0; y < f->y[c].h; y++)
 			memcpy(gd_row(f->y[c], y), gd_row(job->est[c], y), (size_t)f->y[c].w * sizeof(float));
+	gd_note(report, "noise of neighbours: %.2f times the variance of independent pixels", result.correlation);
 	gd_note(report, "%d spikes, %d of them too bright to give all of it back", result.spikes, result.capped);
 	if (result.mended)
 		gd_cli_warn(&job->cli, "%zu values that were NaN or Inf were filled in", result.mended);
@@ -261,6 +266,8 @@ static void drop_read(struct job *job)
 		snprintf(name, sizeof name, "bin%d", b);
 		drop_layer(&job->im, name, true);
 	}
+	drop_layer(&job->im, "half0", true);
+	drop_layer(&job->im, "half1", true);
 }
 
 static int run(struct job *job, struct gd_err *err)

@@ -195,6 +195,8 @@ static int check(const struct gd_apr_out *out, const struct gd_apr_in *in, const
 			       c->order_max, GD_APR_ORDER);
 	if (c->order_min < c->order_max && in->nvar < 1)
 		return gd_fail(err, GD_EARG, "apr: no variance to choose the order by");
+	if (!(c->correlation > 0))
+		return gd_fail(err, GD_EARG, "apr: correlation %g, expected above 0", c->correlation);
 	if (!in->y[0].v || in->y[0].w < 1 || in->y[0].h < 1)
 		return gd_fail(err, GD_ESHAPE, "apr: empty image");
 	like = in->y[0];
@@ -264,6 +266,7 @@ int gd_apr_fit(const struct gd_apr_out *out, const struct gd_apr_in *in, const s
 	plan->y = in->y;
 	plan->var = in->var;
 	plan->noise = conf->feature_noise;
+	plan->correlation = conf->correlation;
 	plan->level2 = level_squared(in);
 	take_features(plan, in, conf, report);
 	plan->pv = 1 + plan->nf + plan->order;

@@ -32,9 +32,11 @@ struct gd_apr_conf {
 	enum gd_apr_kernel kernel;
 	double feature_noise;		/* drop a feature whose spread in a window, after the features before
 					 * it, is below this many times its noise variance; 0: never */
+	double correlation;		/* variance of a sum of neighbouring pixels' noise over the sum of their
+					 * variances: 1 where pixels are independent; > 0 */
 };
-#define GD_APR_DEFAULTS { 10, 5, 0, 3, GD_APR_GAUSS, 1.0 }
-#define GD_APR_PAPER	{ 21, 4, 0, 3, GD_APR_GAUSS, 1.0 }	/* 43 x 43 windows */
+#define GD_APR_DEFAULTS { 10, 5, 0, 3, GD_APR_GAUSS, 1.0, 1.0 }
+#define GD_APR_PAPER	{ 21, 4, 0, 3, GD_APR_GAUSS, 1.0, 1.0 }	/* 43 x 43 windows */
 
 /*
  * What goes in: planes of one size, any unit, all finite (gd_apr_clean() makes them so).

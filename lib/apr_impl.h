@@ -29,6 +29,7 @@ struct gd_apr_plan {
 	double ref[GD_APR_FEATURES];	/* subtracted from a feature: its median */
 	double floor[GD_APR_FEATURES];	/* mean square below which a feature's spread is rounding */
 	double noise;			/* feature_noise */
+	double correlation;
 	double level2;			/* added to a squared mean where channels are weighed; > 0 */
 	int nx, nrow;			/* centres along x and y */
 	const int *cx, *cy;

@@ -117,6 +117,7 @@ int gd_apr_paper(const struct gd_apr_out *out, struct gd_apr_frame *f, const str
 	struct gd_apr_in in = { f->ny, 3, f->nfeat, f->y, f->var, f->feat, f->feat_var };
 	struct gd_apr_spikes spikes = { 0 };
 	bool trust = f->var[0].v || f->nbin >= 2;
+	struct gd_apr_conf used = *conf;
 	float *made[3];
 	int rc;
 
@@ -128,11 +129,16 @@ int gd_apr_paper(const struct gd_apr_out *out, struct gd_apr_frame *f, const str
 	if (rc == GD_OK)
 		rc = gd_apr_frame_filter(f, report, err);
 	gd_progress(report, "fitting", 0.4);
+	if (f->half[0][0].v && f->half[1][0].v)
+		used.correlation = gd_apr_correlation(f->half[0], f->half[1]);
 	if (rc == GD_OK)
-		rc = gd_apr_fit(out, &in, conf, report, err);
+		rc = gd_apr_fit(out, &in, &used, report, err);
+	for (int c = 0; c < 3 && rc == GD_OK; c++)
+		rc = gd_apr_error_local(out->mse[c], f->var[c], conf->radius, err);
 	if (rc == GD_OK && mode == GD_SPIKES_RETURN)
 		rc = gd_apr_spikes_return(&spikes, out->est, conf->radius, MOST_RETURNED, &result->capped, err);
 	result->spikes = spikes.n;
+	result->correlation = used.correlation;
 	gd_progress(report, "fitting", 1);
 	gd_apr_spikes_free(&spikes);
 	for (int c = 0; c < 3; c++)

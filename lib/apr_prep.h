@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Before and after a regression: pixels that are no numbers, variances where none were given, and
- * single pixels of far too much energy.
+ * Before and after a regression: pixels that are no numbers, variances where none were given, single
+ * pixels of far too much energy (apr_prep.c); what the noise is like (apr_noise.c).
  */
 #ifndef GD_APR_PREP_H
 #define GD_APR_PREP_H
@@ -60,5 +60,20 @@ int gd_apr_spikes_return(const struct gd_apr_spikes *spikes, const struct gd_pla
 			 double most, int *capped, struct gd_err *err);
 
 void gd_apr_spikes_free(struct gd_apr_spikes *spikes);	/* takes { 0 } */
+
+/*
+ * How noise adds up over neighbouring pixels: the mean over 5x5 blocks of (sum d)^2 / sum d^2, where d
+ * is the luminance of the difference of two independent halves a and b (3 planes each) of the samples.
+ * 1 for independent pixels; 2 to 3 for gradient-domain colour, whose pixels share paths. At least 1,
+ * and 1 where the halves do not differ.
+ */
+double gd_apr_correlation(const struct gd_plane *a, const struct gd_plane *b);
+
+/*
+ * Gives an error estimate that a window of the given radius made, and that is blurred as widely, the
+ * detail of the noise: nine tenths of it are multiplied by the mean variance over 9x9 pixels over that
+ * over the window. In place; the planes may not overlap.
+ */
+int gd_apr_error_local(struct gd_plane mse, struct gd_plane var, int radius, struct gd_err *err);
 
 #endif

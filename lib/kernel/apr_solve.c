@@ -152,7 +152,7 @@ static void noise(const struct gd_apr_plan *p, gd_vec *l, gd_vec *m, struct fact
 					x += mi[k] * wj[k];
 				sum += wj[i] * (2.0 * x + mi[i] * wj[i]);
 			}
-			f->noise[j * p->nv + c] = larger(sum, (gd_vec){ 0 });
+			f->noise[j * p->nv + c] = larger(p->correlation * sum, (gd_vec){ 0 });
 		}
 	}
 }

@@ -273,14 +273,14 @@ static void test_sizes(void **state)
 
 	(void)state;
 	for (size_t i = 0; i < sizeof size / sizeof *size; i++)
-		against_dense(size[i][0], size[i][1], 3, 3, 3, (struct gd_apr_conf){ 5, 3, 0, 3, GD_APR_GAUSS, 1 }, 7);
+		against_dense(size[i][0], size[i][1], 3, 3, 3, (struct gd_apr_conf){ 5, 3, 0, 3, GD_APR_GAUSS, 1, 1 }, 7);
 }
 
 static void test_settings(void **state)
 {
 	static const struct gd_apr_conf conf[] = {
-		{ 0, 1, 0, 0, GD_APR_GAUSS, 1 }, { 1, 1, 0, 3, GD_APR_BOX, 1 }, { 4, 2, 0, 3, GD_APR_BOX, 0 },
-		{ 9, 4, 1, 2, GD_APR_GAUSS, 1 }, { 6, 13, 2, 2, GD_APR_GAUSS, 1 }, { 21, 8, 0, 3, GD_APR_GAUSS, 3 },
+		{ 0, 1, 0, 0, GD_APR_GAUSS, 1, 1 }, { 1, 1, 0, 3, GD_APR_BOX, 1, 1 }, { 4, 2, 0, 3, GD_APR_BOX, 0, 1 },
+		{ 9, 4, 1, 2, GD_APR_GAUSS, 1, 1 }, { 6, 13, 2, 2, GD_APR_GAUSS, 1, 1 }, { 21, 8, 0, 3, GD_APR_GAUSS, 3, 1 },
 	};
 
 	(void)state;
