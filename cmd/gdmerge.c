@@ -21,7 +21,7 @@ static int parse_spp(const char *text, double *spp, int n, struct gd_err *err)
 	const char *s = text;
 	int k = 0;
 
-	while (s && *s && k < n) {
+	while (s && k < n) {
 		char *end;
 
 		errno = 0;
@@ -29,9 +29,9 @@ static int parse_spp(const char *text, double *spp, int n, struct gd_err *err)
 		if (end == s || errno || !(spp[k] > 0) || !(spp[k] <= 1e9) || (*end && *end != ','))
 			return gd_fail(err, GD_EARG, "option --spp: '%s' is no list of numbers above 0, up to 1e9", text);
 		k++;
-		s = *end ? end + 1 : end;
+		s = *end ? end + 1 : NULL;
 	}
-	if (text && ((s && *s) || (k != 1 && k != n)))
+	if (text && (s || (k != 1 && k != n)))
 		return gd_fail(err, GD_EARG, "option --spp: '%s' is not one number, nor %d of them", text, n);
 	for (int i = 1; k == 1 && i < n; i++)
 		spp[i] = spp[0];
@@ -82,10 +82,10 @@ static int survey(struct gd_cli *cli, struct gd_merge *m, const struct gd_merge_
 		if (!strcmp(input[i], "-") && held->file)
 			return gd_fail(err, GD_EARG, "standard input is named twice");
 		rc = gd_cli_open(cli, &file, &im, input[i], err);
-		if (rc == GD_OK && i == 0)
-			rc = tell_names(cli, &im, &conf->names, err);
 		if (rc == GD_OK)
 			rc = gd_merge_survey(m, &im, strcmp(input[i], "-") ? input[i] : "stdin", spp[i], err);
+		if (rc == GD_OK && i == 0)
+			rc = tell_names(cli, &im, &conf->names, err);
 		if (rc == GD_OK && !strcmp(input[i], "-")) {
 			*held = (struct held){ file, im };
 			continue;

@@ -365,6 +365,8 @@ static void check_operands(struct gd_cli *cli)
 			    cli->compression);
 	if (!strcmp(cli->input, "-") && isatty(STDIN_FILENO))
 		usage_error(cmd->name, "no input: standard input is a terminal");
+	if (cli->stats && !strcmp(cli->stats, "-") && !strcmp(cli->output, "-"))
+		usage_error(cmd->name, "option --stats: standard output is taken by the image");
 	if (!strcmp(cli->output, "-") && isatty(STDOUT_FILENO))
 		usage_error(cmd->name, "no output: standard output is a terminal; use -o FILE or a pipe");
 }

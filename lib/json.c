@@ -4,12 +4,12 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
+
+#include "file.h"
 
 void gd_json_number(char text[32], double v)
 {
@@ -85,68 +85,41 @@ void gd_json_free(struct gd_json *o)
 	*o = (struct gd_json){ 0 };
 }
 
-/* Writes to fd and closes it; 0 or an errno. */
-static int print(const struct gd_json *o, int fd)
+static void print(const struct gd_json *o, FILE *f)
 {
-	FILE *f = fdopen(fd, "w");
-	int bad = 0;
-
-	if (!f) {
-		bad = errno;
-		close(fd);
-		return bad;
-	}
 	fputc('{', f);
 	for (int i = 0; i < o->n; i++)
 		fprintf(f, "%s%s: %s", i ? ", " : "", o->name[i], o->value[i]);
 	fputs("}\n", f);
-	if (fflush(f))
-		bad = errno;
-	if (fclose(f) && !bad)
-		bad = errno;
-	return bad;
 }
 
-static int save_whole(const struct gd_json *o, const char *path)
+/* /dev/stderr may be a link to a log: it must not be replaced by this file. */
+static int append(const char *path, const char *text, size_t size, struct gd_err *err)
 {
-	char *real = realpath(path, NULL), *temp = NULL;
-	const char *target = real ? real : path;
-	int fd = -1, bad = 0;
+	int fd = open(path, O_WRONLY | O_APPEND);
+	ssize_t n = fd < 0 ? -1 : write(fd, text, size);
+	int bad = n < 0 ? errno : (size_t)n < size ? EIO : 0;
 
-	if (asprintf(&temp, "%s.XXXXXX", target) < 0)
-		temp = NULL;
-	if (temp)
-		fd = mkstemp(temp);
-	if (fd < 0) {
+	if (fd >= 0 && close(fd) && !bad)
 		bad = errno;
-	} else {
-		mode_t mask = umask(0);
-
-		umask(mask);
-		(void)!fchmod(fd, 0666 & ~mask);
-		bad = print(o, fd);
-		if (!bad && rename(temp, target))
-			bad = errno;
-		if (bad)
-			unlink(temp);
-	}
-	free(temp);
-	free(real);
-	return bad;
+	return bad ? gd_fail(err, GD_EIO, "%s: %s", path, strerror(bad)) : GD_OK;
 }
 
 int gd_json_save(const struct gd_json *o, const char *path, struct gd_err *err)
 {
-	struct stat st;
-	/* a rename would put a file in the place of /dev/stderr */
-	bool direct = !strncmp(path, "/dev/", 5) || (!stat(path, &st) && !S_ISREG(st.st_mode));
-	int fd, bad;
+	char *text = NULL;
+	size_t size = 0;
+	FILE *f = open_memstream(&text, &size);
+	int rc;
 
-	if (direct) {
-		fd = open(path, O_WRONLY | O_APPEND);
-		bad = fd < 0 ? errno : print(o, fd);
-	} else {
-		bad = save_whole(o, path);
-	}
-	return bad ? gd_fail(err, GD_EIO, "%s: %s", path, strerror(bad)) : GD_OK;
+	if (f)
+		print(o, f);
+	if (!f || fclose(f))
+		rc = gd_fail(err, GD_ENOMEM, "%s: out of memory", path);
+	else if (!strncmp(path, "/dev/", 5))
+		rc = append(path, text, size, err);
+	else
+		rc = gd_file_write(path, text, size, err);
+	free(text);
+	return rc;
 }

@@ -21,8 +21,8 @@ int gd_json_add_text(struct gd_json *o, const char *name, const char *value);
 void gd_json_free(struct gd_json *o);
 
 /*
- * Writes the object and a newline. A file appears whole or not at all (a link's target is replaced,
- * not the link); what lies under /dev, and pipes, are appended to. GD_EIO with errno's text.
+ * Writes the object and a newline with gd_file_write(): whole or not at all. What lies under /dev is
+ * appended to. GD_EIO with errno's text.
  */
 int gd_json_save(const struct gd_json *o, const char *path, struct gd_err *err);
 

@@ -143,6 +143,7 @@ static int survey_input(struct gd_merge *m, const struct gd_image *im, const cha
 {
 	struct merge_input *in = realloc(m->input, (size_t)(m->ninput + 1) * sizeof *in);
 	struct gd_names names = { 0 };
+	struct gd_err why = { 0 };
 	int rc;
 
 	if (!in)
@@ -152,7 +153,11 @@ static int survey_input(struct gd_merge *m, const struct gd_image *im, const cha
 	*in = (struct merge_input){ .label = strdup(label), .spp = spp };
 	if (!in->label)
 		return gd_fail(err, GD_ENOMEM, "out of memory");
-	rc = gd_names_resolve(&names, im, &m->conf.names, err);
+	rc = gd_names_resolve(&names, im, &m->conf.names, &why);
+	if (rc == GD_ESHAPE)
+		gd_fail(err, rc, "%s: %s", label, why.text);
+	else if (rc != GD_OK)
+		gd_fail(err, rc, "%s", why.text);
 	if (rc == GD_OK)
 		rc = survey_layers(m, &names, label, err);
 	if (rc == GD_OK) {
