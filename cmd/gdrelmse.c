@@ -562,7 +562,7 @@ int main(int argc, char **argv)
 		GD_OPT(0, "form", "FORM", &opt->form, "r2+eps, (r+eps)2, lum, mean or half"),
 		GD_NUM(0, "trim", "SHARE", &opt->conf.trim, 0, 0.5, "share of the pixels that the trimmed mean drops"),
 		GD_FLAG(0, "plain", &opt->plain, "compare with the reference itself even if it carries halves"),
-		GD_OPT(0, "layer", "LAYER", &opt->layer, "layer of the images to compare"),
+		GD_OPT('l', "layer", "LAYER", &opt->layer, "layer of the images to compare"),
 		GD_OPT(0, "reference-layer", "LAYER", &opt->reference_layer, "layer of the reference (that of --layer)"),
 		GD_FLAG(0, "channels", &opt->channels, "relMSE of each channel too"),
 		GD_OPT(0, "crop", "X0,X1,Y0,Y1", &opt->crop, "compare these pixels only; X1 or Y1 below 0 is a size"),

@@ -12,8 +12,7 @@
 #include "show.h"
 
 struct options {
-	const char *output, *as, *scale, *range, *labels, *crop, *display, *view;
-	struct gd_list layers;
+	const char *output, *layers, *as, *scale, *range, *labels, *crop, *display, *view;
 	double exposure;
 	bool sheet, legend;
 	int columns, zoom, bits;
@@ -25,7 +24,7 @@ struct job {
 	enum gd_show_as as;
 	int scale;			/* -1: by the layer's name */
 	int nlayer, nimage;
-	const char **layer;
+	char **layer;
 	struct gd_show_range *range;	/* one a layer; hi == lo: not yet known */
 	struct gd_picture *pic;		/* nlayer rows of nimage */
 	char **label;
@@ -74,13 +73,25 @@ static int check_options(struct job *job, struct gd_err *err)
 	return check_range(job, err);
 }
 
+/* The k-th (from 0) part of a list divided by commas, malloc'ed; "" beyond its end. */
+static char *item(const char *list, int k)
+{
+	while (list && k--) {
+		list = strchr(list, ',');
+		list += list ? 1 : 0;
+	}
+	return list ? strndup(list, strcspn(list, ",")) : strdup("");
+}
+
 /* With --sheet every operand is an image, else the second is the output. */
 static int set_up(struct job *job, struct gd_err *err)
 {
 	struct options *opt = &job->opt;
 	size_t pictures;
 
-	job->nlayer = opt->layers.n ? opt->layers.n : 1;
+	job->nlayer = 1;
+	for (const char *p = opt->layers; *p; p++)
+		job->nlayer += *p == ',';
 	job->nimage = job->cli.noperand ? job->cli.noperand : 1;
 	if (!opt->sheet && job->nimage == 2 && !strcmp(opt->output, "-"))
 		opt->output = job->cli.operand[--job->nimage];
@@ -94,9 +105,11 @@ static int set_up(struct job *job, struct gd_err *err)
 	if (!job->layer || !job->range || !job->pic || !job->label)
 		return gd_fail(err, GD_ENOMEM, "out of memory");
 	for (int i = 0; i < job->nlayer; i++) {
-		const char *name = opt->layers.n ? opt->layers.v[i] : "";
-
-		job->layer[i] = strcmp(name, "colour") ? name : "";
+		job->layer[i] = item(opt->layers, i);
+		if (!job->layer[i])
+			return gd_fail(err, GD_ENOMEM, "out of memory");
+		if (!strcmp(job->layer[i], "colour"))
+			*job->layer[i] = '\0';
 	}
 	return check_options(job, err);
 }
@@ -111,6 +124,8 @@ static void free_job(struct job *job)
 	}
 	free(job->pic);
 	free(job->label);
+	for (int i = 0; job->layer && i < job->nlayer; i++)
+		free(job->layer[i]);
 	free(job->range);
 	free(job->layer);
 }
@@ -218,19 +233,15 @@ static const char *short_name(const struct job *job, const char *path)
 	return dir;
 }
 
-/* The k-th (from 0) text of --labels, else the file's name and the layer's; malloc'ed. */
+/* The k-th text of --labels, else the file's name and the layer's; malloc'ed. */
 static char *make_label(const struct job *job, int k, const char *path, const char *layer)
 {
-	const char *text = job->opt.labels, *name = short_name(job, path);
+	const char *name = short_name(job, path);
 	char *label = NULL;
 	int length;
 
-	for (int i = 0; text && i < k; i++) {
-		text = strchr(text, ',');
-		text += text ? 1 : 0;
-	}
 	if (job->opt.labels)
-		return text ? strndup(text, strcspn(text, ",")) : strdup("");
+		return item(job->opt.labels, k);
 	length = *layer && job->nimage > 1 ? asprintf(&label, "%s %s", name, layer) :
 		asprintf(&label, "%s", *layer ? layer : name);
 	return length < 0 ? NULL : label;
@@ -285,11 +296,11 @@ static int run(struct job *job, struct gd_err *err)
 
 int main(int argc, char **argv)
 {
-	struct job job = { .opt = { .output = "-", .as = "auto", .scale = "auto", .zoom = 1, .bits = 8 } };
+	struct job job = { .opt = { .output = "-", .layers = "colour", .as = "auto", .scale = "auto", .zoom = 1, .bits = 8 } };
 	struct options *opt = &job.opt;
 	const struct gd_opt opts[] = {
 		GD_OPT('o', "output", "FILE.png", &opt->output, "write the picture to FILE.png; - is standard output"),
-		GD_OPT('l', "layer", "LAYER", &opt->layers, "layer to show, colour if none; several with --sheet"),
+		GD_OPT('l', "layer", "LAYER,...", &opt->layers, "layer to show; several with --sheet"),
 		GD_OPT(0, "as", "KIND", &opt->as, "auto, colour, scalar, signed, normal or position"),
 		GD_NUM('e', "exposure", "STOPS", &opt->exposure, -64, 64, "brighten colour by STOPS powers of two"),
 		GD_OPT(0, "display", "NAME", &opt->display, "OpenColorIO display"),

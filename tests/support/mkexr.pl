@@ -4,13 +4,15 @@
 #	mkexr.pl OUT.exr WIDTH HEIGHT [-o X0,Y0] [-s SEED] [-a NAME=VALUE]... CHANNEL=FORMULA...
 # -o   where the data window begins (0,0); the display window is the same
 # -a   an attribute: float if VALUE is a number, else string
-# A FORMULA is perl with $x, $y (from 0), $w, $h; noise() is Gaussian of variance 1, and nan() and inf() exist.
+# A FORMULA is perl with $x, $y (from 0), $w, $h; noise() is Gaussian of variance 1,
+# linear(v) decodes sRGB, and nan() and inf() exist.
 # Each channel draws its noise from SEED and its own name, so that it does not depend on the others.
 use strict;
 use warnings;
 
 sub nan { return unpack('f<', pack('V', 0x7fc00000)) }
 sub inf { return 9**9**9 }
+sub linear { my ($v) = @_; return $v <= 0.04045 ? $v / 12.92 : (($v + 0.055) / 1.055)**2.4 }
 sub noise {
 	my $u = rand() || 1e-12;
 	return sqrt(-2 * log($u)) * cos(6.283185307179586 * rand());
