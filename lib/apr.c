@@ -205,6 +205,8 @@ static int check(const struct gd_apr_out *out, const struct gd_apr_in *in, const
 		rc = check_planes(in->var, in->nvar, like, "variance", err);
 	if (rc == GD_OK)
 		rc = check_planes(in->feat, in->nfeat, like, "feature", err);
+	if (rc == GD_OK && in->weight.v)
+		rc = check_planes(&in->weight, 1, like, "weight", err);
 	for (int a = 0; rc == GD_OK && in->feat_var && a < in->nfeat; a++)
 		if (in->feat_var[a].v)
 			rc = check_planes(in->feat_var + a, 1, like, "feature variance", err);
@@ -265,6 +267,7 @@ int gd_apr_fit(const struct gd_apr_out *out, const struct gd_apr_in *in, const s
 	plan->nv = conf->order_min < conf->order_max || out->mse ? in->nvar : 0;	/* else of no use */
 	plan->y = in->y;
 	plan->var = in->var;
+	plan->weight = in->weight;
 	plan->noise = conf->feature_noise;
 	plan->correlation = conf->correlation;
 	plan->level2 = level_squared(in);

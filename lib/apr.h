@@ -47,10 +47,14 @@ struct gd_apr_conf {
  * feat     feature planes, most trusted first; a feature that is constant, or collinear with the
  *          ones before it, changes nothing, window by window
  * feat_var variances of the features; NULL, or a plane with v = NULL: exact
+ * weight   v = NULL, or what a pixel counts in the fits, beside the kernel, > 0, any unit; predictions
+ *          are averaged by the kernel alone. It must not know the noise of y (a weight that falls with
+ *          the pixel's own value darkens the image): take it from the other half of the samples
  */
 struct gd_apr_in {
 	int ny, nvar, nfeat;
 	const struct gd_plane *y, *var, *feat, *feat_var;
+	struct gd_plane weight;
 };
 
 /*

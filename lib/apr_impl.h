@@ -23,6 +23,7 @@ struct gd_apr_plan {
 	int nf, ny, nv, nfv;		/* features, right-hand sides, those with variance, noisy features */
 	int pv, p;			/* vertical columns; all columns */
 	const struct gd_plane *y, *var;	/* ny, nv */
+	struct gd_plane weight;		/* v = NULL: 1 everywhere */
 	struct gd_plane feat[GD_APR_FEATURES];		/* nf */
 	struct gd_plane feat_var[GD_APR_FEATURES];	/* nfv, of the features noisy[] */
 	int noisy[GD_APR_FEATURES];

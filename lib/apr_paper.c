@@ -114,7 +114,7 @@ int gd_apr_paper(const struct gd_apr_out *out, struct gd_apr_frame *f, const str
 		 enum gd_apr_spike_mode mode, struct gd_apr_paper_result *result,
 		 const struct gd_report *report, struct gd_err *err)
 {
-	struct gd_apr_in in = { f->ny, 3, f->nfeat, f->y, f->var, f->feat, f->feat_var };
+	struct gd_apr_in in = { f->ny, 3, f->nfeat, f->y, f->var, f->feat, f->feat_var, { 0 } };
 	struct gd_apr_spikes spikes = { 0 };
 	bool trust = f->var[0].v || f->nbin >= 2;
 	struct gd_apr_conf used = *conf;

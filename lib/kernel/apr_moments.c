@@ -6,7 +6,7 @@
  * the window's rows ("vertical sums"), and those are added, times the kernel, to every window
  * that reaches the block. A finished window goes into a batch, a full batch to the solver.
  *
- * Order of the vertical sums with weight K: [1*z | 1*y | 1*var | 1*feat_var | y*y], then for each
+ * K stands for the kernel times the pixel's weight. Order of the vertical sums with weight K: [1*z | 1*y | 1*var | 1*feat_var | y*y], then for each
  * vertical column a >= 1: [a*z_b, b >= a | a*y]. With weight K^2 var: for each a [a*z_b, b >= a].
  * A window keeps them all with the plain kernel, then the leading `first` ones with each power
  * u .. u^order, then sum 0 with u^(order+1) .. u^(2 order).
@@ -22,7 +22,8 @@ struct sums {
 
 /* One thread's work space. */
 struct space {
-	gd_vec *z, *o, *wa;		/* window rows: vertical columns; y, var, feat_var; weighted column */
+	gd_vec *z, *o, *wt, *wa;	/* window rows: vertical columns; y, var, feat_var; pixel weights;
+					 * weighted column */
 	gd_vec *vert;			/* vertical sums of one block */
 	gd_vec *acc;			/* slots of sums of windows under way */
 	int *map_a, *map_b, *map_m;	/* where the solver's entries are in a window's sums */
@@ -79,6 +80,7 @@ static size_t lay_out(struct space *s, const struct gd_apr_plan *p, double *work
 #define TAKE(ptr, count) (ptr = (void *)(work ? work + n : NULL), n += ((size_t)(count) + 7) / 8 * 8)
 	TAKE(s->z, rows * p->pv * GD_LANES);
 	TAKE(s->o, rows * no * GD_LANES);
+	TAKE(s->wt, rows * GD_LANES);
 	TAKE(s->wa, rows * GD_LANES);
 	TAKE(s->vert, (size_t)(s->one.nvert + s->two.nvert) * GD_LANES);
 	TAKE(s->acc, (size_t)s->slots * s->slot * GD_LANES);
@@ -165,7 +167,7 @@ static inline gd_vec load(struct gd_plane plane, int x, int y, double minus)
 	return v;
 }
 
-/* Fills s->z and s->o with the window rows y0 .. y1 at columns x .. */
+/* Fills s->z, s->o and s->wt with the window rows y0 .. y1 at columns x .. */
 static void load_block(struct space *s, const struct gd_apr_plan *p, int row, int x, int y0, int y1)
 {
 	int no = p->ny + p->nv + p->nfv;
@@ -179,6 +181,7 @@ static void load_block(struct space *s, const struct gd_apr_plan *p, int row, in
 		for (int l = 0; l < GD_LANES; l++)
 			one[l] = x + l < p->w ? 1.0 : 0.0;
 		z[0] = one;
+		s->wt[y - y0] = p->weight.v ? load(p->weight, x, y, 0) : one;
 		for (int a = 0; a < p->nf; a++)
 			z[1 + a] = load(p->feat[a], x, y, p->ref[a]);
 		for (int k = 1; k <= p->order; k++)
@@ -234,18 +237,18 @@ static void vertical_plain(struct space *s, const struct gd_apr_plan *p, const d
 	gd_vec *out = s->vert;
 
 	for (int y = 0; y < rows; y++)
-		s->wa[y] = kv[y] * s->z[(size_t)y * p->pv];
+		s->wa[y] = kv[y] * s->wt[y];
 	dots(out, s->wa, s->z, rows, p->pv, p->pv);
 	dots(out + p->pv, s->wa, s->o, rows, no, no);
 	out += p->pv + no;
 	for (int c = 0; c < p->nv; c++) {
 		for (int y = 0; y < rows; y++)
-			s->wa[y] = kv[y] * s->o[(size_t)y * no + c];
+			s->wa[y] = kv[y] * s->wt[y] * s->o[(size_t)y * no + c];
 		dots(out++, s->wa, s->o + c, rows, no, 1);
 	}
 	for (int a = 1; a < p->pv; a++) {
 		for (int y = 0; y < rows; y++)
-			s->wa[y] = kv[y] * s->z[(size_t)y * p->pv + a];
+			s->wa[y] = kv[y] * s->wt[y] * s->z[(size_t)y * p->pv + a];
 		dots(out, s->wa, s->z + a, rows, p->pv, p->pv - a);
 		out += p->pv - a;
 		dots(out, s->wa, s->o, rows, no, p->ny);
@@ -261,7 +264,7 @@ static void vertical_noise(struct space *s, const struct gd_apr_plan *p, const d
 
 	for (int a = 0; a < p->pv; a++) {
 		for (int y = 0; y < rows; y++)
-			s->wa[y] = kv[y] * s->o[(size_t)y * no + p->ny + c] * s->z[(size_t)y * p->pv + a];
+			s->wa[y] = kv[y] * s->wt[y] * s->wt[y] * s->o[(size_t)y * no + p->ny + c] * s->z[(size_t)y * p->pv + a];
 		dots(out, s->wa, s->z + a, rows, p->pv, p->pv - a);
 		out += p->pv - a;
 	}

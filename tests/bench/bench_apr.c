@@ -49,7 +49,7 @@ int main(int argc, char **argv)
 	for (unsigned a = 0; a < 13; a++)
 		feat[a] = plane(w, h, 20 + a, 10 + 9 * a);
 	for (size_t i = 0; i < sizeof run / sizeof *run; i++) {
-		struct gd_apr_in in = { 3, 3, run[i].nfeat, y, var, feat, NULL };
+		struct gd_apr_in in = { 3, 3, run[i].nfeat, y, var, feat, NULL, { 0 } };
 		struct gd_apr_out out = { est, run[i].choose ? mse : NULL, { 0 }, { 0 } };
 		double best = 1e30;
 

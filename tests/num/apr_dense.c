@@ -217,7 +217,7 @@ static void against_dense(int w, int h, int ny, int nvar, int nfeat, struct gd_a
 {
 	struct scene s = make(w, h, ny, nvar, nfeat, seed);
 	struct gd_plane est[6], mse[6];
-	struct gd_apr_in in = { ny, nvar, nfeat, s.y, s.var, s.feat, s.feat_var };
+	struct gd_apr_in in = { ny, nvar, nfeat, s.y, s.var, s.feat, s.feat_var, { 0 } };
 	struct gd_apr_out out = { est, mse, plane(w, h), plane(w, h) };
 	struct gd_err err = { 0 };
 	size_t n = (size_t)(w * h);

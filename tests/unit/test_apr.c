@@ -95,7 +95,7 @@ static void paint(struct frame *f)
 
 static void fit(struct frame *f, struct gd_apr_conf conf)
 {
-	struct gd_apr_in in = { f->ny, f->nvar, f->nfeat, f->y, f->var, f->feat, NULL };
+	struct gd_apr_in in = { f->ny, f->nvar, f->nfeat, f->y, f->var, f->feat, NULL, { 0 } };
 	struct gd_apr_out out = { f->est, f->mse, f->order, f->columns };
 	struct gd_err err = { 0 };
 
@@ -267,7 +267,7 @@ static void test_noisy_feature(void **state)
 {
 	struct frame a = frame(44, 35, 3, 3, 1), b = frame(44, 35, 3, 3, 2);
 	struct gd_plane noise[2] = { { 0 }, plane(44, 35) };
-	struct gd_apr_in in = { 3, 3, 2, b.y, b.var, b.feat, noise };
+	struct gd_apr_in in = { 3, 3, 2, b.y, b.var, b.feat, noise, { 0 } };
 	struct gd_apr_out out = { b.est, b.mse, b.order, b.columns };
 
 	(void)state;
@@ -392,7 +392,7 @@ static void test_centres(void **state)
 static void test_arguments(void **state)
 {
 	struct frame f = frame(8, 8, 3, 3, 1), g = frame(9, 8, 1, 1, 1);
-	struct gd_apr_in in = { 3, 3, 1, f.y, f.var, f.feat, NULL }, bad = in;
+	struct gd_apr_in in = { 3, 3, 1, f.y, f.var, f.feat, NULL, { 0 } }, bad = in;
 	struct gd_apr_out out = { f.est, f.mse, { 0 }, { 0 } };
 	struct gd_apr_conf conf = settings;
 	struct gd_err err = { 0 };
