@@ -221,16 +221,14 @@ static bool plausible(const struct job *job, const exr_chunk_info_t *k)
 	return x0 + (uint64_t)k->width <= (uint64_t)im->w && y0 + (uint64_t)k->height <= (uint64_t)im->h;
 }
 
-/* Looks all chunks of the image up. */
-static int find_chunks(struct job *job, struct gd_err *err)
+/* Width and height of the file's chunks. */
+static int chunk_size(struct job *job, int *w, int *h, struct gd_err *err)
 {
 	struct gd_exr *file = job->file;
-	const struct gd_image *im = job->im;
-	int32_t step_x = im->w, step_y = 1;
 	exr_tile_level_mode_t level;
 	exr_tile_round_mode_t round;
 	exr_result_t code;
-	int rc = GD_OK;
+	int32_t rows = 0;
 
 	if (file->storage == EXR_STORAGE_TILED) {
 		code = exr_get_tile_descriptor(file->ctx, file->part, &job->tile_w, &job->tile_h, &level,
@@ -238,37 +236,52 @@ static int find_chunks(struct job *job, struct gd_err *err)
 		if (code == EXR_ERR_SUCCESS && (job->tile_w < 1 || job->tile_h < 1 ||
 						job->tile_w > GD_MAX_SIDE || job->tile_h > GD_MAX_SIDE))
 			code = EXR_ERR_INVALID_ATTR;
-		step_x = (int32_t)job->tile_w;
-		step_y = (int32_t)job->tile_h;
+		*w = (int)job->tile_w;
+		*h = (int)job->tile_h;
 	} else {
-		code = exr_get_scanlines_per_chunk(file->ctx, file->part, &step_y);
-		if (code == EXR_ERR_SUCCESS && step_y < 1)
+		code = exr_get_scanlines_per_chunk(file->ctx, file->part, &rows);
+		if (code == EXR_ERR_SUCCESS && rows < 1)
 			code = EXR_ERR_INVALID_ATTR;
+		*w = job->im->w;
+		*h = rows;
 	}
-	if (code != EXR_ERR_SUCCESS)
-		return gd_exr_fail_library(file, code, err);
-	size_t nx = ((size_t)im->w + (size_t)step_x - 1) / (size_t)step_x;
-	size_t ny = ((size_t)im->h + (size_t)step_y - 1) / (size_t)step_y;
+	return code == EXR_ERR_SUCCESS ? GD_OK : gd_exr_fail_library(file, code, err);
+}
+
+/* Looks the chunk at (x, y) of the image up. */
+static int find_chunk(struct job *job, exr_chunk_info_t *k, int x, int y, struct gd_err *err)
+{
+	struct gd_exr *file = job->file;
+	exr_result_t code;
+
+	if (job->tile_w)
+		code = exr_read_tile_chunk_info(file->ctx, file->part, x / (int)job->tile_w,
+						y / (int)job->tile_h, 0, 0, k);
+	else
+		code = exr_read_scanline_chunk_info(file->ctx, file->part, job->im->data.y0 + y, k);
+	if (code == EXR_ERR_SUCCESS && plausible(job, k))
+		return gd_input_need(&file->in, k->packed_size, k->data_offset, err);
+	return gd_fail(err, GD_EFORMAT, "%s: truncated or damaged: no valid %s data at %d,%d", file->in.label,
+		       gd_exr_codec[file->compression], x, y);
+}
+
+static int find_chunks(struct job *job, struct gd_err *err)
+{
+	struct gd_exr *file = job->file;
+	int w = 0, h = 0, rc = chunk_size(job, &w, &h, err);
+
+	if (rc != GD_OK)
+		return rc;
+	size_t nx = ((size_t)job->im->w + (size_t)w - 1) / (size_t)w;
+	size_t ny = ((size_t)job->im->h + (size_t)h - 1) / (size_t)h;
 	if (nx * ny > file->in.size / sizeof(uint64_t))
 		return gd_fail(err, GD_EFORMAT, "%s: shorter than its own table of contents", file->in.label);
-	job->nchunk = nx * ny;
-	job->chunk = calloc(job->nchunk, sizeof(*job->chunk));
+	job->chunk = calloc(nx * ny, sizeof(*job->chunk));
 	if (!job->chunk)
 		return gd_fail(err, GD_ENOMEM, "%s: out of memory", file->in.label);
-	for (size_t i = 0; i < job->nchunk && rc == GD_OK; i++) {
-		exr_chunk_info_t *k = &job->chunk[i];
-		int x = (int)(i % nx), y = (int)(i / nx);
-		if (job->tile_w)
-			code = exr_read_tile_chunk_info(file->ctx, file->part, x, y, 0, 0, k);
-		else
-			code = exr_read_scanline_chunk_info(file->ctx, file->part,
-							    im->data.y0 + y * step_y, k);
-		if (code != EXR_ERR_SUCCESS || !plausible(job, k))
-			rc = gd_fail(err, GD_EFORMAT, "%s: truncated or damaged: no valid %s data at %d,%d",
-				     file->in.label, gd_exr_codec[file->compression], x * step_x, y * step_y);
-		else
-			rc = gd_input_need(&file->in, k->packed_size, k->data_offset, err);
-	}
+	for (size_t i = 0; i < nx * ny && rc == GD_OK; i++)
+		rc = find_chunk(job, &job->chunk[i], (int)(i % nx) * w, (int)(i / nx) * h, err);
+	job->nchunk = nx * ny;
 	return rc;
 }
 
@@ -317,7 +330,7 @@ static int check_stream(struct job *job, bool *flows, struct gd_err *err)
 	    file->storage != EXR_STORAGE_SCANLINE || file->compression != EXR_COMPRESSION_NONE)
 		return GD_OK;
 	rc = gd_input_keep(&file->in, end, err);
-	if (rc != GD_OK || file->in.size != end)
+	if (rc != GD_OK || file->in.size < end)
 		return rc;
 	for (int c = 0; c < file->nfile; c++)
 		size += (uint64_t)job->im->w * job->target[c].bytes;
@@ -326,6 +339,7 @@ static int check_stream(struct job *job, bool *flows, struct gd_err *err)
 		if (at != end + i * size)
 			return GD_OK;
 	}
+	file->in.at = end;
 	job->row_bytes = (size_t)size;
 	*flows = size - LEADER <= INT32_MAX;
 	return GD_OK;

@@ -133,10 +133,10 @@ static enum step walk_header(struct walk *w)
 
 int gd_exr_header_keep(struct gd_input *in, uint64_t *end, struct gd_err *err)
 {
-	uint64_t n = in->stream ? PROLOGUE : in->size;
+	uint64_t n = FIRST_BYTES;
 	int rc = GD_OK;
 
-	for (*end = 0; rc == GD_OK; n = in->size + in->size / 2) {
+	for (*end = 0; rc == GD_OK; n = 2 * in->size) {
 		rc = gd_input_keep(in, n, err);
 		struct walk w = { in->mem, in->size, 0 };
 		if (rc != GD_OK || !in->mem)

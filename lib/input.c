@@ -98,8 +98,10 @@ int gd_input_keep(struct gd_input *in, uint64_t n, struct gd_err *err)
 
 int gd_input_next(struct gd_input *in, void *buf, size_t n, struct gd_err *err)
 {
-	size_t done = 0;
+	size_t done = in->size - in->at < n ? (size_t)(in->size - in->at) : n;
 
+	memcpy(buf, in->mem + in->at, done);
+	in->at += done;
 	while (done < n) {
 		int64_t got = read_some(in->fd, (char *)buf + done, n - done);
 		if (got < 0)

@@ -20,6 +20,7 @@ struct gd_input {
 	int fd;
 	uint64_t base;		/* offset of the first byte in fd */
 	uint64_t size;		/* bytes; of a stream, those kept so far */
+	uint64_t at;		/* where gd_input_next() goes on, at most size */
 	bool stream;		/* there may be more in fd than size */
 	unsigned char *mem;	/* what is kept of a stream, or NULL */
 	size_t mapped;		/* bytes of the mapping behind mem */
@@ -30,7 +31,7 @@ struct gd_input {
 int gd_input_open(struct gd_input *in, const char *path, struct gd_err *err);
 /* Keeps at least n bytes of a stream, or all if there are less; then in->stream is false. */
 int gd_input_keep(struct gd_input *in, uint64_t n, struct gd_err *err);
-/* Reads the next n bytes of a stream, behind those that are kept, which are then the last of it. */
+/* Reads the n bytes at in->at and moves it: first what is kept of a stream, then on without keeping it. */
 int gd_input_next(struct gd_input *in, void *buf, size_t n, struct gd_err *err);
 void gd_input_close(struct gd_input *in);	/* takes { .fd = -1 } */
 

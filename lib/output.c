@@ -66,10 +66,13 @@ static int open_named(struct gd_output *out, mode_t mode)
 	return fd;
 }
 
-/* Opens a file that has no name, and so leaves nothing even if we are killed; -1 where that is unknown. */
+/*
+ * Opens a file that has no name, and so leaves nothing even if we are killed. -1 where the file system
+ * does not know such files, or where there is no /proc to name it later.
+ */
 static int open_nameless(const struct gd_output *out, mode_t mode)
 {
-	char *dir = strdup(out->target);
+	char *dir = access("/proc/self/fd", X_OK) == 0 ? strdup(out->target) : NULL;
 	char *slash = dir ? strrchr(dir, '/') : NULL;
 	int fd;
 

@@ -415,6 +415,52 @@ static void test_claims(void **state)
 		}
 }
 
+/* What compresses best is not taken for a false claim. */
+static void test_constant(void **state)
+{
+	(void)state;
+	for (int k = EXR_COMPRESSION_NONE; k <= EXR_COMPRESSION_PIZ; k++) {
+		struct gd_write_conf conf = { (enum gd_compression)k };
+		struct gd_err err = { 0 };
+		struct gd_image im, back;
+		gd_image_init(&im, 20000, 64);
+		for (int c = 0; c < 4; c++)
+			assert_int_equal(gd_image_add(&im, (char[2]){ (char)('A' + c), 0 }, NULL, &err), GD_OK);
+		assert_int_equal(gd_exr_write(&im, "zero.exr", &conf, &err), GD_OK);
+		read_ok(&back, "zero.exr", 0, GD_READ);
+		for (int c = 0; c < 4; c++)
+			assert_memory_equal(back.chan[c].v, im.chan[c].v, 64 * gd_stride(20000) * sizeof(float));
+		gd_image_free(&back);
+		gd_image_free(&im);
+	}
+}
+
+/* Without the plug-in, what the C library cannot decode is refused before anything is computed. */
+static void test_without_plugin(void **state)
+{
+	struct gd_err err = { 0 };
+	struct gd_image im = { 0 };
+	struct gd_exr *file;
+	size_t n;
+
+	(void)state;
+	assert_int_equal(setenv("GD_PLUGIN_PATH", "/nonexistent", 1), 0);
+	seed_file("dwa.exr", EXR_COMPRESSION_NONE, false);
+	unsigned char *v = slurp_file("dwa.exr", &n);
+	patch(v, n, "compression\0compression\0\1\0\0", 28, "\10", 1);
+	spill_file("dwa.exr", v, n);
+	free(v);
+	assert_int_equal(gd_exr_open(&file, &im, "dwa.exr", NULL, &err), GD_EFORMAT);
+	assert_non_null(strstr(err.text, "dwa.exr: DWAA"));
+	assert_non_null(strstr(err.text, "oiiotool in.exr --compression zip -o out.exr"));
+	err = (struct gd_err){ 0 };
+	spill_file("other.png", "\211PNG\r\n\032\n", 8);
+	assert_int_equal(gd_exr_open(&file, &im, "other.png", NULL, &err), GD_EFORMAT);
+	assert_memory_equal(err.text, "other.png: not an OpenEXR file", 30);
+	assert_null(file);
+	assert_int_equal(im.nchan, 0);
+}
+
 static void test_wrong_rows(void **state)
 {
 	int32_t wrong = 12345;
@@ -504,14 +550,18 @@ static void test_large_header(void **state)
 {
 	struct gd_err err = { 0 };
 	struct gd_image im, back;
-	size_t n = 3 << 20;
+	size_t n = 3000000;
 	unsigned char *blob = malloc(n);
+	struct gd_plane p;
 
 	(void)state;
 	for (size_t i = 0; i < n; i++)
 		blob[i] = (unsigned char)make_hash((uint32_t)i);
-	gd_image_init(&im, 2, 2);
-	assert_int_equal(gd_image_add(&im, "R", NULL, &err), GD_OK);
+	gd_image_init(&im, 700, 1100);	/* the second look takes some rows along */
+	assert_int_equal(gd_image_add(&im, "R", &p, &err), GD_OK);
+	for (int y = 0; y < 1100; y++)
+		for (int x = 0; x < 700; x++)
+			gd_row(p, y)[x] = (float)(x + 1000 * y);
 	assert_int_equal(gd_attr_set(&im, "blob", "blob", blob, n, &err), GD_OK);
 	assert_int_equal(gd_attr_set_int(&im, "last", 3, &err), GD_OK);
 	assert_int_equal(gd_exr_write(&im, "large.exr", NULL, &err), GD_OK);
@@ -521,6 +571,7 @@ static void test_large_header(void **state)
 	gd_image_free(&back);
 	assert_int_equal(read_piped(&back, "large.exr", GD_READ, &err), GD_OK);
 	assert_memory_equal(need_attr(&back, "blob", "blob", n)->data, blob, n);
+	assert_memory_equal(back.chan[0].v, p.v, 1100 * p.stride * sizeof(float));
 	gd_image_free(&back);
 	gd_image_free(&im);
 	free(blob);
@@ -564,6 +615,7 @@ int main(void)
 		cmocka_unit_test(test_parts),	     cmocka_unit_test(test_refused),
 		cmocka_unit_test(test_skipped_half), cmocka_unit_test(test_truncated),
 		cmocka_unit_test(test_claims),	     cmocka_unit_test(test_wrong_rows),
+		cmocka_unit_test(test_constant),     cmocka_unit_test(test_without_plugin),
 		cmocka_unit_test(test_attributes),   cmocka_unit_test(test_large_header),
 		cmocka_unit_test(test_stdin_file),   cmocka_unit_test(test_endless),
 	};
