@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "kernel/accum_row.h"
+
 /* Threads pay off from here: waking them takes as long as some 10,000 pixels of this work. */
 #define MANY(p) ((size_t)(p).w * (size_t)(p).h > 100000)
 
@@ -85,6 +87,16 @@ static inline bool is_bad(const struct gd_plane *plane, int n, int x, int y)
 	return false;
 }
 
+static bool all_finite(const struct gd_plane *plane, int n, int y)
+{
+	const struct gd_accum_kernel *kernel = GD_PICK(gd_accum_kernel);
+
+	for (int i = 0; i < n; i++)
+		if (!kernel->finite(gd_row(plane[i], y), plane[i].w))
+			return false;
+	return true;
+}
+
 size_t gd_accum_bad(const struct gd_plane *plane, int n, const struct gd_count *w)
 {
 	size_t bad = 0;
@@ -93,6 +105,8 @@ size_t gd_accum_bad(const struct gd_plane *plane, int n, const struct gd_count *
 	for (int y = 0; y < plane->h; y++) {
 		const float *weight = row_or_null(w->plane, y);
 
+		if (all_finite(plane, n, y))
+			continue;
 		for (int x = 0; x < plane->w; x++)
 			bad += is_bad(plane, n, x, y) && at(weight, w->all, x) > 0;
 	}
@@ -114,23 +128,18 @@ void gd_accum_mask(const struct gd_plane *plane, int n, struct gd_count *w)
 void gd_accum_add(struct gd_plane mean, struct gd_plane m2, struct gd_plane x, struct gd_plane within,
 		  const struct gd_count *w, const struct gd_count *old)
 {
+	const struct gd_accum_kernel *kernel = GD_PICK(gd_accum_kernel);
+
 #pragma omp parallel for schedule(static) if (MANY(mean))
-	for (int j = 0; j < mean.h; j++) {
-		const float *now = gd_row(x, j), *more = row_or_null(within, j);
-		const float *wrow = row_or_null(w->plane, j), *orow = row_or_null(old->plane, j);
-		float *restrict m = gd_row(mean, j), *restrict s = m2.v ? gd_row(m2, j) : NULL;
+	for (int y = 0; y < mean.h; y++) {
+		const struct gd_accum_row row = {
+			.mean = gd_row(mean, y), .m2 = m2.v ? gd_row(m2, y) : NULL,
+			.x = gd_row(x, y), .within = row_or_null(within, y),
+			.w = row_or_null(w->plane, y), .old = row_or_null(old->plane, y),
+			.all_w = w->all, .all_old = old->all
+		};
 
-		for (int i = 0; i < mean.w; i++) {
-			double a = at(wrow, w->all, i), b = at(orow, old->all, i), d, share;
-
-			if (!(a > 0))
-				continue;
-			d = (double)now[i] - m[i];
-			share = a / (a + b);
-			m[i] = narrow(b > 0 ? m[i] + share * d : now[i]);
-			if (s)
-				s[i] = narrow(s[i] + share * b * d * d + (more ? (double)more[i] : 0));
-		}
+		kernel->add(&row, mean.w);
 	}
 }
 
