@@ -14,7 +14,7 @@
 #include "isa.h"
 
 #define GD_APR_POWERS (2 * GD_APR_ORDER + 1)
-#define GD_APR_PAD 8			/* zeros on each side of a kernel table, >= the widest vector */
+#define GD_APR_PAD 16			/* zeros on each side of a kernel table, >= two of the widest vectors */
 #define GD_APR_TAPS (2 * (GD_APR_RADIUS + GD_APR_PAD) + 1)
 
 struct gd_apr_plan {

@@ -13,8 +13,9 @@
 /* One pixel row's work space. Per right-hand side nt = 1 + nf + order spread coefficients. */
 struct space {
 	double *t;	/* [ny * nt + extras][nx]: coefficients spread along y */
-	double *row;	/* [ny * (1 + nf) + extras][width]: spread along x */
-	int nt, extras, width;
+	double *row;	/* [1 + nf][width]: those of one right-hand side, spread along x */
+	int nt, extras;
+	size_t width;
 };
 
 static size_t lay_out(struct space *s, const struct gd_apr_plan *p, double *work)
@@ -23,11 +24,11 @@ static size_t lay_out(struct space *s, const struct gd_apr_plan *p, double *work
 
 	s->nt = 1 + p->nf + p->order;
 	s->extras = p->nv + 2;
-	s->width = (p->w + 2 * GD_APR_PAD + 7) / 8 * 8;
+	s->width = ((size_t)p->w + 7) / 8 * 8;
 	n = (size_t)(p->ny * s->nt + s->extras) * p->nx;
 	s->t = work;
 	s->row = work ? work + (n + 7) / 8 * 8 : NULL;
-	return (n + 7) / 8 * 8 + (size_t)(p->ny * (1 + p->nf) + s->extras) * s->width;
+	return (n + 7) / 8 * 8 + (size_t)(1 + p->nf) * s->width;
 }
 
 size_t gd_apr_predict_size(const struct gd_apr_plan *plan)
@@ -64,21 +65,64 @@ static void spread_y(struct space *s, const struct gd_apr_plan *p, int row, int 
 		add_scaled(t + (size_t)e * n, p->k1[0][at], gd_apr_model(p, row, p->ny * p->p + e), n);
 }
 
-/* Adds, for each centre j, t[j] times its kernel to a row. */
-static void spread_x(double *restrict row, const struct gd_apr_plan *p, const double *restrict t, int power)
+/* Centres whose windows reach the vector of pixels at x: *lo .. *hi - 1. Call with growing x. */
+static inline void reach(const struct gd_apr_plan *p, int x, int *lo, int *hi)
 {
-	int r = p->radius;
+	while (*hi < p->nx && p->cx[*hi] - p->radius < x + GD_LANES)
+		++*hi;
+	while (p->cx[*lo] + p->radius < x)
+		++*lo;
+}
 
-	for (int j = 0; j < p->nx; j++) {
-		int x0 = p->cx[j] - r > 0 ? p->cx[j] - r : 0;
-		int x1 = p->cx[j] + r < p->w - 1 ? p->cx[j] + r : p->w - 1;
-		const double *k = p->k1[power] + GD_APR_PAD + r + x0 - p->cx[j];
-		double *to = row + x0;
-		gd_vec v = t[j] - (gd_vec){ 0 };
+/* row[i][x ..] = sum over centres j of K t[i][j], for n <= 4 planes (a constant where it is called). */
+static inline __attribute__((always_inline)) void
+gather(double *restrict row, size_t width, const double *restrict t, const struct gd_apr_plan *p, int x,
+       int lo, int hi, int n)
+{
+	const double *k = p->k1[0] + GD_APR_PAD + p->radius + x;
+	gd_vec sum[4] = { { 0 } };
 
-		/* whole vectors: the kernel's padding and the row's absorb what is beyond x1 */
-		for (int i = 0; i <= x1 - x0; i += GD_LANES)
-			*(gd_vec_any *)(to + i) += v * *(const gd_vec_any *)(k + i);
+	for (int j = lo; j < hi; j++) {
+		gd_vec kj = *(const gd_vec_any *)(k - p->cx[j]);
+
+		for (int i = 0; i < n; i++)
+			sum[i] += kj * t[(size_t)i * p->nx + j];
+	}
+	for (int i = 0; i < n; i++)
+		*(gd_vec *)(row + (size_t)i * width + x) = sum[i];
+}
+
+/* Spreads n planes along x. */
+static void spread_x(double *row, size_t width, const double *t, const struct gd_apr_plan *p, int n)
+{
+	for (int x = 0, lo = 0, hi = 0; x < p->w; x += GD_LANES) {
+		int i = 0;
+
+		reach(p, x, &lo, &hi);
+		for (; i + 4 <= n; i += 4)
+			gather(row + (size_t)i * width, width, t + (size_t)i * p->nx, p, x, lo, hi, 4);
+		for (; i + 2 <= n; i += 2)
+			gather(row + (size_t)i * width, width, t + (size_t)i * p->nx, p, x, lo, hi, 2);
+		if (i < n)
+			gather(row + (size_t)i * width, width, t + (size_t)i * p->nx, p, x, lo, hi, 1);
+	}
+}
+
+/* row += the planes of powers u .. u^order, spread along x. */
+static void spread_powers(double *restrict row, const double *restrict t, const struct gd_apr_plan *p)
+{
+	for (int x = 0, lo = 0, hi = 0; x < p->w; x += GD_LANES) {
+		gd_vec sum = *(gd_vec *)(row + x);
+
+		reach(p, x, &lo, &hi);
+		for (int k = 1; k <= p->order; k++) {
+			const double *table = p->k1[k] + GD_APR_PAD + p->radius + x;
+			const double *tk = t + (size_t)(k - 1) * p->nx;
+
+			for (int j = lo; j < hi; j++)
+				sum += *(const gd_vec_any *)(table - p->cx[j]) * tk[j];
+		}
+		*(gd_vec *)(row + x) = sum;
 	}
 }
 
@@ -107,30 +151,29 @@ void gd_apr_predict_row(const struct gd_apr_plan *p, const struct gd_apr_out *ou
 {
 	struct space s;
 	const double *t;
-	double *row;
 
-	memset(work, 0, lay_out(&s, p, work) * sizeof *work);
+	lay_out(&s, p, work);
+	memset(s.t, 0, (size_t)(p->ny * s.nt + s.extras) * p->nx * sizeof *s.t);
 	for (int i = 0; i < p->nrow; i++)
 		if (y - p->cy[i] <= p->radius && p->cy[i] - y <= p->radius)
 			spread_y(&s, p, i, y);
 	t = s.t;
-	row = s.row;
-	for (int c = 0; c < p->ny; c++, row += (size_t)(1 + p->nf) * s.width) {
-		for (int a = 0; a <= p->nf; a++, t += p->nx)
-			spread_x(row + (size_t)a * s.width, p, t, 0);
-		for (int k = 1; k <= p->order; k++, t += p->nx)
-			spread_x(row, p, t, k);
+	for (int c = 0; c < p->ny; c++) {
+		spread_x(s.row, s.width, t, p, 1 + p->nf);
+		t += (size_t)(1 + p->nf) * p->nx;
+		spread_powers(s.row, t, p);
+		t += (size_t)p->order * p->nx;
 		for (int a = 0; a < p->nf; a++)
-			add_feature(row, row + (size_t)(1 + a) * s.width, gd_row(p->feat[a], y), p->ref[a], p->w);
-		finish(out->est[c], y, row, p);
+			add_feature(s.row, s.row + (size_t)(1 + a) * s.width, gd_row(p->feat[a], y), p->ref[a], p->w);
+		finish(out->est[c], y, s.row, p);
 	}
-	for (int e = 0; e < s.extras; e++, row += s.width, t += p->nx) {
+	for (int e = 0; e < s.extras; e++, t += p->nx) {
 		struct gd_plane to = e < p->nv ? (out->mse ? out->mse[e] : (struct gd_plane){ 0 }) :
 				     e == p->nv ? out->order : out->columns;
 
 		if (!to.v)
 			continue;
-		spread_x(row, p, t, 0);
-		finish(to, y, row, p);
+		spread_x(s.row, s.width, t, p, 1);
+		finish(to, y, s.row, p);
 	}
 }

@@ -10,6 +10,7 @@
 #include <cmocka.h>
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,7 +21,7 @@
 
 struct scene {
 	int w, h, ny, nvar, nfeat;
-	struct gd_plane y[6], var[6], feat[8], feat_var[8];
+	struct gd_plane y[6], var[6], feat[8], feat_var[8], weight;
 };
 
 static double rnd(unsigned *s)
@@ -36,7 +37,7 @@ static struct gd_plane plane(int w, int h)
 
 static struct scene make(int w, int h, int ny, int nvar, int nfeat, unsigned seed)
 {
-	struct scene s = { .w = w, .h = h, .ny = ny, .nvar = nvar, .nfeat = nfeat };
+	struct scene s = { .w = w, .h = h, .ny = ny, .nvar = nvar, .nfeat = nfeat, .weight = plane(w, h) };
 
 	for (int c = 0; c < ny; c++)
 		s.y[c] = plane(w, h);
@@ -50,6 +51,8 @@ static struct scene make(int w, int h, int ny, int nvar, int nfeat, unsigned see
 		for (int x = 0; x < w; x++) {
 			double u = (double)x / w, v = (double)y / h, edge = x + 2 * y > w ? 1 : 0;
 			double noise = 0.05 + 0.2 * edge;
+
+			gd_row(s.weight, y)[x] = (float)(0.2 + rnd(&seed));
 
 			for (int a = 0; a < nfeat; a++) {
 				double f = a == 0 ? edge : a == 1 ? sin(9 * u) + v : a == 2 ? u * v : rnd(&seed);
@@ -70,6 +73,7 @@ static struct scene make(int w, int h, int ny, int nvar, int nfeat, unsigned see
 
 static void drop(struct scene *s)
 {
+	free(s->weight.v);
 	for (int c = 0; c < s->ny; c++)
 		free(s->y[c].v);
 	for (int c = 0; c < s->nvar; c++)
@@ -104,13 +108,14 @@ static double level2(const struct scene *s)
 }
 
 /* Dense fit of one window; adds its predictions to est (and the error and order) and its weights to sum. */
-static void window(const struct scene *s, const struct gd_apr_conf *conf, double level, int cx, int cy,
+static void window(const struct scene *s, const struct gd_apr_conf *conf, double level, bool weighted, int cx, int cy,
 		   double *est, double *mse, double *order, double *sum)
 {
 	int r = conf->radius, p = 1 + s->nfeat + 2 * conf->order_max, n = 0, side = 2 * r + 1, best;
 	double *x = calloc((size_t)(side * side * p), sizeof *x), *q = calloc((size_t)(side * side * p), sizeof *q);
 	double *k = calloc((size_t)(side * side), sizeof *k), *fit = calloc((size_t)(side * side * s->ny), sizeof *fit);
 	int *at = calloc((size_t)(side * side), sizeof *at);
+	double *spread = calloc((size_t)(side * side), sizeof *spread);	/* the kernel alone */
 	double v[MAXP][6], t[MAXP][6], mean[6] = { 0 }, total = 0, cost[4] = { 0 };
 
 	for (int y = cy - r; y <= cy + r; y++)
@@ -120,6 +125,8 @@ static void window(const struct scene *s, const struct gd_apr_conf *conf, double
 			if (xx < 0 || y < 0 || xx >= s->w || y >= s->h)
 				continue;
 			k[n] = conf->kernel == GD_APR_GAUSS ? exp(-2 * (dx * dx + dy * dy)) : 1;
+			spread[n] = k[n];
+			k[n] *= weighted ? (double)gd_row(s->weight, y)[xx] : 1;
 			at[n] = y * s->w + xx;
 			*z++ = 1;
 			for (int a = 0; a < s->nfeat; a++)
@@ -134,7 +141,7 @@ static void window(const struct scene *s, const struct gd_apr_conf *conf, double
 			n++;
 		}
 	for (int j = 0; j < p; j++) {
-		double len = 0, spread = 0, noise = 0;
+		double len = 0, about_mean = 0, noise = 0;
 
 		for (int i = 0; i < n; i++)
 			q[i * p + j] = sqrt(k[i]) * x[i * p + j];
@@ -148,14 +155,14 @@ static void window(const struct scene *s, const struct gd_apr_conf *conf, double
 					q[i * p + j] -= d * q[i * p + l];
 				if (pass == 0 && l == 0)
 					for (int i = 0; i < n; i++)
-						spread += q[i * p + j] * q[i * p + j];
+						about_mean += q[i * p + j] * q[i * p + j];
 			}
 		for (int i = 0; i < n; i++) {
 			len += q[i * p + j] * q[i * p + j];
 			if (j >= 1 && j <= s->nfeat)
 				noise += k[i] * (double)s->feat_var[j - 1].v[at[i] / s->w * (int)s->feat_var[j - 1].stride + at[i] % s->w];
 		}
-		if (j > 0 && (len <= 1e-8 * spread || len <= 1e-12 * total || len <= conf->feature_noise * noise))
+		if (j > 0 && (len <= 1e-8 * about_mean || len <= 1e-12 * total || len <= conf->feature_noise * noise))
 			len = 0;
 		for (int i = 0; i < n; i++)
 			q[i * p + j] = len > 0 ? q[i * p + j] / sqrt(len) : 0;
@@ -166,7 +173,7 @@ static void window(const struct scene *s, const struct gd_apr_conf *conf, double
 
 				t[j][c] += q[i * p + j] * sqrt(k[i]) * (double)s->y[c].v[o];
 				if (c < s->nvar)
-					v[j][c] += q[i * p + j] * q[i * p + j] * k[i] * (double)s->var[c].v[o];
+					v[j][c] += conf->correlation * q[i * p + j] * q[i * p + j] * k[i] * (double)s->var[c].v[o];
 			}
 		}
 	}
@@ -187,7 +194,7 @@ static void window(const struct scene *s, const struct gd_apr_conf *conf, double
 
 			for (int j = 0; j < 1 + s->nfeat + 2 * best; j++)
 				f += q[i * p + j] * t[j][c];
-			est[c * s->w * s->h + at[i]] += sqrt(k[i]) * f;
+			est[c * s->w * s->h + at[i]] += spread[i] / sqrt(k[i]) * f;
 		}
 		for (int i = 0; c < s->nvar && i < n; i++) {
 			size_t o = (size_t)(at[i] / s->w) * s->y[c].stride + (size_t)(at[i] % s->w);
@@ -200,24 +207,27 @@ static void window(const struct scene *s, const struct gd_apr_conf *conf, double
 			carried += v[j][c];
 		}
 		for (int i = 0; c < s->nvar && i < n; i++)
-			mse[c * s->w * s->h + at[i]] += k[i] * ((left > 0 ? left : 0) + carried) / total;
+			mse[c * s->w * s->h + at[i]] += spread[i] * ((left > 0 ? left : 0) + carried) / total;
 	}
 	for (int i = 0; i < n; i++) {
-		sum[at[i]] += k[i];
-		order[at[i]] += k[i] * best;
+		sum[at[i]] += spread[i];
+		order[at[i]] += spread[i] * best;
 	}
 	free(x);
 	free(q);
 	free(k);
+	free(spread);
 	free(fit);
 	free(at);
 }
 
-static void against_dense(int w, int h, int ny, int nvar, int nfeat, struct gd_apr_conf conf, unsigned seed)
+static void against_dense(int w, int h, int ny, int nvar, int nfeat, struct gd_apr_conf conf,
+			  bool weighted, unsigned seed)
 {
 	struct scene s = make(w, h, ny, nvar, nfeat, seed);
 	struct gd_plane est[6], mse[6];
-	struct gd_apr_in in = { ny, nvar, nfeat, s.y, s.var, s.feat, s.feat_var, { 0 } };
+	struct gd_apr_in in = { ny, nvar, nfeat, s.y, s.var, s.feat, s.feat_var,
+				weighted ? s.weight : (struct gd_plane){ 0 } };
 	struct gd_apr_out out = { est, mse, plane(w, h), plane(w, h) };
 	struct gd_err err = { 0 };
 	size_t n = (size_t)(w * h);
@@ -233,7 +243,7 @@ static void against_dense(int w, int h, int ny, int nvar, int nfeat, struct gd_a
 	assert_int_equal(gd_apr_fit(&out, &in, &conf, NULL, &err), GD_OK);
 	for (int j = 0; j < nrow; j++)
 		for (int i = 0; i < nx; i++)
-			window(&s, &conf, level2(&s), cx[i], cy[j], want, wmse, word, sum);
+			window(&s, &conf, level2(&s), weighted, cx[i], cy[j], want, wmse, word, sum);
 	for (int y = 0; y < h; y++)
 		for (int x = 0; x < w; x++) {
 			size_t i = (size_t)(y * w + x);
@@ -273,21 +283,21 @@ static void test_sizes(void **state)
 
 	(void)state;
 	for (size_t i = 0; i < sizeof size / sizeof *size; i++)
-		against_dense(size[i][0], size[i][1], 3, 3, 3, (struct gd_apr_conf){ 5, 3, 0, 3, GD_APR_GAUSS, 1, 1 }, 7);
+		against_dense(size[i][0], size[i][1], 3, 3, 3, (struct gd_apr_conf){ 5, 3, 0, 3, GD_APR_GAUSS, 1, 1 }, i % 2, 7);
 }
 
 static void test_settings(void **state)
 {
 	static const struct gd_apr_conf conf[] = {
 		{ 0, 1, 0, 0, GD_APR_GAUSS, 1, 1 }, { 1, 1, 0, 3, GD_APR_BOX, 1, 1 }, { 4, 2, 0, 3, GD_APR_BOX, 0, 1 },
-		{ 9, 4, 1, 2, GD_APR_GAUSS, 1, 1 }, { 6, 13, 2, 2, GD_APR_GAUSS, 1, 1 }, { 21, 8, 0, 3, GD_APR_GAUSS, 3, 1 },
+		{ 9, 4, 1, 2, GD_APR_GAUSS, 1, 1 }, { 6, 13, 2, 2, GD_APR_GAUSS, 1, 1 }, { 21, 8, 0, 3, GD_APR_GAUSS, 3, 2.5 },
 	};
 
 	(void)state;
 	for (size_t i = 0; i < sizeof conf / sizeof *conf; i++) {
-		against_dense(41, 26, 4, 2, 3, conf[i], 11);
-		against_dense(33, 30, 3, 3, 0, conf[i], 12);
-		against_dense(30, 27, 1, 1, 5, conf[i], 13);
+		against_dense(41, 26, 4, 2, 3, conf[i], false, 11);
+		against_dense(33, 30, 3, 3, 0, conf[i], true, 12);
+		against_dense(30, 27, 1, 1, 5, conf[i], true, 13);
 	}
 }
 
