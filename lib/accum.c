@@ -8,9 +8,6 @@
 
 #include "kernel/accum_row.h"
 
-/* Threads pay off from here: waking them takes as long as some 10,000 pixels of this work. */
-#define MANY(p) ((size_t)(p).w * (size_t)(p).h > 100000)
-
 static inline double at(const float *plane, double all, int x)
 {
 	return plane ? (double)plane[x] : all;
@@ -60,7 +57,7 @@ int gd_count_add(struct gd_count *c, const struct gd_count *a, struct gd_err *er
 		if (rc != GD_OK)
 			return rc;
 	}
-#pragma omp parallel for schedule(static) if (MANY(c->plane))
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(c->plane))
 	for (int y = 0; y < c->plane.h; y++) {
 		const float *add = row_or_null(a->plane, y);
 		float *sum = gd_row(c->plane, y);
@@ -101,7 +98,7 @@ size_t gd_accum_bad(const struct gd_plane *plane, int n, const struct gd_count *
 {
 	size_t bad = 0;
 
-#pragma omp parallel for schedule(static) reduction(+ : bad) if (MANY(*plane))
+#pragma omp parallel for schedule(static) reduction(+ : bad) if (GD_ACCUM_MANY(*plane))
 	for (int y = 0; y < plane->h; y++) {
 		const float *weight = row_or_null(w->plane, y);
 
@@ -115,7 +112,7 @@ size_t gd_accum_bad(const struct gd_plane *plane, int n, const struct gd_count *
 
 void gd_accum_mask(const struct gd_plane *plane, int n, struct gd_count *w)
 {
-#pragma omp parallel for schedule(static) if (MANY(*plane))
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(*plane))
 	for (int y = 0; y < plane->h; y++) {
 		float *weight = gd_row(w->plane, y);
 
@@ -130,7 +127,7 @@ void gd_accum_add(struct gd_plane mean, struct gd_plane m2, struct gd_plane x, s
 {
 	const struct gd_accum_kernel *kernel = GD_PICK(gd_accum_kernel);
 
-#pragma omp parallel for schedule(static) if (MANY(mean))
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(mean))
 	for (int y = 0; y < mean.h; y++) {
 		const struct gd_accum_row row = {
 			.mean = gd_row(mean, y), .m2 = m2.v ? gd_row(m2, y) : NULL,
@@ -145,7 +142,7 @@ void gd_accum_add(struct gd_plane mean, struct gd_plane m2, struct gd_plane x, s
 
 void gd_accum_sum(struct gd_plane sum, struct gd_plane x)
 {
-#pragma omp parallel for schedule(static) if (MANY(sum))
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(sum))
 	for (int j = 0; j < sum.h; j++)
 		for (int i = 0; i < sum.w; i++)
 			gd_row(sum, j)[i] = narrow((double)gd_row(sum, j)[i] + gd_row(x, j)[i]);
@@ -166,7 +163,7 @@ size_t gd_accum_within_variance(struct gd_plane out, struct gd_plane v, struct g
 {
 	size_t bad = 0;
 
-#pragma omp parallel for schedule(static) reduction(+ : bad) if (MANY(out))
+#pragma omp parallel for schedule(static) reduction(+ : bad) if (GD_ACCUM_MANY(out))
 	for (int j = 0; j < out.h; j++) {
 		const float *var = gd_row(v, j), *m = gd_row(mean, j), *count = row_or_null(n->plane, j);
 		float *o = gd_row(out, j);
@@ -184,7 +181,7 @@ size_t gd_accum_within_variance(struct gd_plane out, struct gd_plane v, struct g
 
 void gd_accum_within_parts(struct gd_plane out, const struct gd_plane *part, int k, const struct gd_count *n)
 {
-#pragma omp parallel for schedule(static) if (MANY(out))
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(out))
 	for (int j = 0; j < out.h; j++) {
 		const float *count = row_or_null(n->plane, j);
 		float *o = gd_row(out, j);

@@ -9,6 +9,9 @@
 
 #include "names.h"
 
+/* Threads pay off from here: waking them takes as long as some 10,000 pixels of such work. */
+#define GD_ACCUM_MANY(p) ((size_t)(p).w * (size_t)(p).h > 100000)
+
 /* A number per pixel, >= 0: the same one everywhere (plane.v = NULL), or a plane of them. */
 struct gd_count {
 	double all;

@@ -195,7 +195,10 @@ static int join_attributes(struct gd_merge *m, const struct gd_image *im, struct
 	return rc;
 }
 
-/* Samples per pixel of the whole input: a plane of its "samples", made fit for weights, or one number. */
+/*
+ * Samples per pixel of the whole input: a plane of its "samples", made fit for weights, with their mean
+ * in all; or one number.
+ */
 static int input_count(struct gd_merge *m, int i, const struct gd_image *im, struct gd_count *count,
 		       struct gd_err *err)
 {
@@ -211,13 +214,36 @@ static int input_count(struct gd_merge *m, int i, const struct gd_image *im, str
 	if (rc != GD_OK)
 		return rc;
 	count->plane = plane[0];
+	count->all = 0;
 	for (int y = 0; y < m->h; y++) {
 		float *row = gd_row(plane[0], y);
 
-		for (int x = 0; x < m->w; x++)
+		for (int x = 0; x < m->w; x++) {
 			row[x] = isfinite(row[x]) && row[x] > 0 ? row[x] : 0;
+			count->all += (double)row[x];
+		}
 	}
+	count->all /= (double)m->w * m->h;
 	return GD_OK;
+}
+
+/*
+ * Each unit of the input goes into the bin with the fewest samples so far (in the mean over the
+ * image); equal units go round in turn.
+ */
+static void assign_units(struct gd_merge *m, int i, double samples)
+{
+	const struct merge_input *in = &m->input[i];
+
+	for (int u = 0; u < in->units && m->bins; u++) {
+		int least = m->lockstep ? u : 0;
+
+		for (int b = 1; b < m->bins && !m->lockstep; b++)
+			if (m->bin_samples[b] < m->bin_samples[least] * (1 - 1e-9))
+				least = b;
+		m->bin_samples[least] += samples / in->units;
+		m->unit_bin[in->first_unit + u] = least;
+	}
 }
 
 /*
@@ -235,7 +261,7 @@ static void layer_weight(struct gd_merge *m, const struct merge_layer *l, const 
 	if (!count->plane.v && !bad)
 		return;
 	w->plane = m->weight;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(m->weight))
 	for (int y = 0; y < m->h; y++) {
 		const float *a = count->plane.v ? gd_row(count->plane, y) : NULL;
 		const float *b = a && dy && y + 1 < m->h ? gd_row(count->plane, y + 1) : a;
@@ -408,6 +434,8 @@ int gd_merge_add(struct gd_merge *m, int i, struct gd_image *im, const struct gd
 		rc = m->out.nchan ? join_attributes(m, im, err) : start_output(m, im, err);
 	if (rc == GD_OK)
 		rc = input_count(m, i, im, &count, err);
+	if (rc == GD_OK)
+		assign_units(m, i, count.all);
 	for (int k = 0; k < m->nlayer && rc == GD_OK; k++) {
 		*s = (struct source){ .in = &m->input[i] };
 		if (m->layer[k].wanted)

@@ -49,7 +49,7 @@ static long finish_variance(struct gd_merge *m, struct merge_layer *l, int c)
 		free(known);
 		return -2;
 	}
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(m->weight))
 	for (int y = 0; y < m->h; y++) {
 		float *row = gd_row(l->m2[c], y);
 
@@ -133,7 +133,7 @@ static void finish_bins(struct gd_merge *m, struct merge_layer *l)
 	for (int b = 0; l->bin_count && b < m->bins; b++) {
 		if (!l->bin_count[b].plane.v && l->bin_count[b].all > 0)
 			continue;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(m->weight))
 		for (int y = 0; y < m->h; y++)
 			for (int x = 0; x < m->w; x++)
 				for (int c = 0; c < l->n && !(at(&l->bin_count[b], x, y) > 0); c++)
@@ -163,7 +163,7 @@ static int add_half(struct gd_merge *m, struct merge_layer *l, int c, int half, 
 	rc = gd_image_add(&m->out, name, &out, err);
 	if (rc != GD_OK)
 		return rc;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(m->weight))
 	for (int y = 0; y < m->h; y++)
 		for (int x = 0; x < m->w; x++) {
 			double sum = 0, weight = 0;
@@ -183,12 +183,12 @@ static int add_half(struct gd_merge *m, struct merge_layer *l, int c, int half, 
  * Mean standard deviation by the inputs' own variances over that by the spread of the bins. The root
  * of a variance from K parts is too small in the mean, by about 1 / (4 (K - 1)).
  */
-static double spread_ratio(struct gd_merge *m, const struct merge_layer *l)
+static double spread_ratio(struct gd_merge *m, const struct merge_layer *l, double bin_ratio)
 {
 	double told = 0, seen = 0;
 	int k = m->bins;
 
-	if (l->spread || !l->has_variance || k < 2 || m->bin_ratio > 1.01)
+	if (l->spread || !l->has_variance || k < 2 || bin_ratio > 1.01)
 		return 0;
 	for (int c = 0; c < l->n; c++)
 		for (int y = 0; y < m->h; y++)
@@ -206,6 +206,18 @@ static double spread_ratio(struct gd_merge *m, const struct merge_layer *l)
 				seen += sqrt(sum / k / (k - 1)) / (1 - 0.25 / (k - 1));
 			}
 	return seen > 0 && isfinite(told / seen) ? told / seen : 0;
+}
+
+/* Samples of the fullest bin over those of the emptiest. */
+static double bin_ratio(const struct gd_merge *m)
+{
+	double low = m->bin_samples[0], high = low;
+
+	for (int b = 1; b < m->bins; b++) {
+		low = fmin(low, m->bin_samples[b]);
+		high = fmax(high, m->bin_samples[b]);
+	}
+	return low > 0 ? high / low : 1;
 }
 
 /* Writes the samples used and tells their mean. */
@@ -243,7 +255,7 @@ int gd_merge_finish(struct gd_merge *m, struct gd_image *out, struct gd_merge_re
 {
 	struct merge_layer *colour = gd_merge_layer(m, "");
 	struct gd_merge_result r = { .inputs = m->ninput, .bins = m->keep_bins ? m->bins : 0,
-				     .bin_ratio = m->bin_ratio };
+				     .bin_ratio = bin_ratio(m) };
 	int rc = GD_OK;
 
 	for (int k = 0; k < m->nlayer && rc == GD_OK; k++) {
@@ -263,7 +275,7 @@ int gd_merge_finish(struct gd_merge *m, struct gd_image *out, struct gd_merge_re
 		r.dropped += l->dropped;
 	}
 	r.empty = colour->empty;
-	r.spread_ratio = rc == GD_OK ? spread_ratio(m, colour) : 0;
+	r.spread_ratio = rc == GD_OK ? spread_ratio(m, colour, r.bin_ratio) : 0;
 	if (rc == GD_OK && m->counted)
 		rc = add_samples(m, colour, &r.samples, err);
 	if (rc == GD_OK && (r.bins || gd_attr_find(&m->out, "gd:bins")))

@@ -234,35 +234,6 @@ static int plan_bins(struct gd_merge *m, struct gd_err *err)
 	return m->unit_bin ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
 }
 
-/* Each unit goes into the bin with the fewest samples so far; equal units go round in turn. */
-static void assign_units(struct gd_merge *m)
-{
-	double sum[GD_MAX_BINS] = { 0 }, low, high;
-	int units = 0;
-
-	for (int i = 0; i < m->ninput && m->bins; i++) {
-		const struct merge_input *in = &m->input[i];
-
-		for (int u = 0; u < in->units; u++) {
-			int least = 0;
-
-			for (int b = 1; b < m->bins; b++)
-				if (sum[b] < sum[least] * (1 - 1e-9))
-					least = b;
-			if (m->lockstep)
-				least = u;
-			sum[least] += (in->spp > 0 ? in->spp : 1) / in->units;
-			m->unit_bin[units++] = least;
-		}
-	}
-	low = high = sum[0];
-	for (int b = 1; b < m->bins; b++) {
-		low = sum[b] < low ? sum[b] : low;
-		high = sum[b] > high ? sum[b] : high;
-	}
-	m->bin_ratio = low > 0 ? high / low : 1;
-}
-
 /* Halves of the inputs stay halves only if every input has them and no part changes sides. */
 static void plan_halves(struct gd_merge *m, const struct gd_report *report)
 {
@@ -312,13 +283,12 @@ int gd_merge_plan(struct gd_merge *m, const struct gd_report *report, struct gd_
 		rc = plan_bins(m, err);
 	if (rc != GD_OK)
 		return rc;
-	assign_units(m);
 	plan_halves(m, report);
 	for (int k = 0; k < m->nlayer; k++)
 		plan_layer(m, &m->layer[k], report);
 	if (m->bins)
 		gd_note(report, "%d bins, %s", m->bins, m->lockstep ? "merged one by one" :
-			m->bins == m->ninput && m->unit_bin[m->ninput - 1] == m->ninput - 1 ? "one for each input" :
+			m->bins == m->ninput && m->input[m->ninput - 1].first_unit == m->ninput - 1 ? "one for each input" :
 			"each of several parts");
 	return GD_OK;
 }

@@ -45,7 +45,7 @@ struct gd_merge {
 	bool keep_bins, make_halves;
 	bool lockstep;			/* every input's bin b goes into bin b */
 	int *unit_bin;			/* bin of each unit of each input */
-	double bin_ratio;
+	double bin_samples[GD_MAX_BINS];	/* of each bin so far, mean over the image */
 	struct gd_names names;		/* of the input being added, ... */
 	char **source;			/* ... and its channels' names */
 	int nsource;

@@ -288,6 +288,40 @@ static void test_bins_one_by_one(void **state)
 	gd_image_free(&out);
 }
 
+/* A render of 2 samples that has no bins, and one of 16 in 8 bins that tells so pixel by pixel. */
+static void test_bins_beside_a_whole(void **state)
+{
+	struct gd_image in[2], out = { 0 };
+	struct gd_merge_result r;
+
+	(void)state;
+	for (int i = 0; i < 2; i++) {
+		gd_image_init(&in[i], W, H);
+		fill_rgb(&in[i], i ? 3.5f : 9);
+	}
+	gd_attr_set_number(&in[0], "gd:samplesPerPixel", 2, NULL);
+	fill(&in[1], "samples", 16);
+	for (int b = 0; b < 8; b++)
+		for (int c = 0; c < 3; c++) {
+			char name[32];
+
+			snprintf(name, sizeof name, "bin%d.%s", b, rgb[c]);
+			fill(&in[1], name, (float)b);
+		}
+	r = merge(&out, in, 2, usual, 0);
+	assert_int_equal(r.bins, 8);
+	near(r.bin_ratio, 2, "bin_ratio");
+	near(value(&out, "R", 0, 0), (2 * 9 + 16 * 3.5) / 18, "R");
+	/* the first seven bins of the second go into the seven empty ones, the last where there is room */
+	near(value(&out, "bin0.R", 0, 0), (9 + 7) / 2.0, "bin0.R");
+	near(value(&out, "bin7.G", 0, 0), 6, "bin7.G");
+	/* nine parts of 2 samples */
+	near(value(&out, "variance.B", 0, 0),
+	     (2 * 42 + 2 * (9 - 74.0 / 18) * (9 - 74.0 / 18) + 16 * (3.5 - 74.0 / 18) * (3.5 - 74.0 / 18)) / (8 * 18),
+	     "variance.B");
+	gd_image_free(&out);
+}
+
 static void test_many_inputs_are_grouped(void **state)
 {
 	struct gd_image in[MAXIN], out = { 0 };
@@ -601,6 +635,7 @@ int main(void)
 		cmocka_unit_test(test_passes_merge_to_one_render),
 		cmocka_unit_test(test_spread_of_inputs),
 		cmocka_unit_test(test_bins_one_by_one),
+		cmocka_unit_test(test_bins_beside_a_whole),
 		cmocka_unit_test(test_many_inputs_are_grouped),
 		cmocka_unit_test(test_asked_bins),
 		cmocka_unit_test(test_bad_pixels),
