@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Decoding. The library finds chunks and decompresses them; rows are taken out of a decompressed chunk
- * here, because its own unpacking crashes on skipped channels of some layouts and cannot leave a channel
- * as it is. Every chunk is looked up before memory for pixels is taken, so that a file too short for its
- * header fails at once; only uncompressed streams are decoded as they come.
+ * Decoding. The library finds chunks and decompresses them; rows are taken out of a decompressed
+ * chunk here, because its own unpacking crashes on skipped channels of some layouts and cannot
+ * leave a channel as it is. Every chunk is looked up before memory for pixels is taken, so that a
+ * file too short for its header fails at once; only uncompressed streams are decoded as they come.
  */
 #include "exr_file.h"
 
@@ -14,7 +14,7 @@
 
 #define MAX_RATIO	2048	/* more than any codec packs into a byte: deflate's limit is 1032 */
 #define LEADER		8	/* bytes before the data of a scanline chunk: row and size */
-#define SMALL		((size_t)256 << 10)	/* less than this is done before threads have woken up */
+#define SMALL		((size_t)256 << 10)	/* bytes; done before threads have woken up */
 #define STREAM_BYTES	((size_t)512 << 10)	/* of a stream, read at a time */
 
 /* Where the rows of a file's channel go. */
@@ -42,7 +42,9 @@ static size_t type_bytes(enum gd_type type)
 	return type == GD_HALF ? 2 : 4;
 }
 
-/* Half to float, exact: the exponent is rebased by a multiplication, which takes denormals along. */
+/*
+ * Half to float, exact: the exponent is rebased by a multiplication, which takes denormals along.
+ */
 static float half_float(uint16_t h)
 {
 	uint32_t m = (uint32_t)(h & 0x7fff) << 13;
@@ -58,7 +60,8 @@ static float half_float(uint16_t h)
 	return f;
 }
 
-static void row_float(float *restrict out, const unsigned char *restrict in, enum gd_type type, int n)
+static void row_float(float *restrict out, const unsigned char *restrict in, enum gd_type type,
+		      int n)
 {
 	uint32_t u;
 	uint16_t h;
@@ -88,7 +91,8 @@ static void unpack(const struct job *job, const exr_chunk_info_t *k, const unsig
 {
 	const struct gd_image *im = job->im;
 	size_t x0 = job->tile_w ? (size_t)k->start_x * job->tile_w : 0;
-	size_t y0 = job->tile_w ? (size_t)k->start_y * job->tile_h : (size_t)(k->start_y - im->data.y0);
+	size_t y0 =
+		job->tile_w ? (size_t)k->start_y * job->tile_h : (size_t)(k->start_y - im->data.y0);
 	size_t stride = gd_stride(im->w), w = (size_t)im->w;
 
 	for (size_t y = y0; y < y0 + (size_t)k->height; y++)
@@ -114,7 +118,8 @@ static exr_result_t unpack_fn(exr_decode_pipeline_t *pipe)
 }
 
 /* A chunk through the library's pipeline, which is set up at the thread's first chunk. */
-static exr_result_t decode_packed(struct job *job, exr_decode_pipeline_t *pipe, const exr_chunk_info_t *k)
+static exr_result_t decode_packed(struct job *job, exr_decode_pipeline_t *pipe,
+				  const exr_chunk_info_t *k)
 {
 	exr_context_t ctx = job->file->ctx;
 	exr_result_t code;
@@ -196,7 +201,8 @@ static int decode_all(struct job *job, struct gd_err *err)
 	if (job->code == EXR_ERR_OUT_OF_MEMORY)
 		return gd_fail(err, GD_ENOMEM, "%s: out of memory", file->in.label);
 	return gd_fail(err, GD_EFORMAT, "%s: damaged %s data in the %s at %d,%d", file->in.label,
-		       gd_exr_codec[file->compression], job->tile_w ? "tile" : "rows", k->start_x, k->start_y);
+		       gd_exr_codec[file->compression], job->tile_w ? "tile" : "rows", k->start_x,
+		       k->start_y);
 }
 
 /* Refuses chunks that cannot hold what they claim, before memory for it is taken. */
@@ -214,11 +220,14 @@ static bool plausible(const struct job *job, const exr_chunk_info_t *k)
 		return false;
 	if (job->file->compression == EXR_COMPRESSION_NONE && k->packed_size != k->unpacked_size)
 		return false;
-	if (k->data_offset > job->file->in.size || k->packed_size > job->file->in.size - k->data_offset)
+	if (k->data_offset > job->file->in.size ||
+	    k->packed_size > job->file->in.size - k->data_offset)
 		return false;
 	x0 = job->tile_w ? (uint64_t)k->start_x * job->tile_w : 0;
-	y0 = job->tile_w ? (uint64_t)k->start_y * job->tile_h : (uint64_t)((int64_t)k->start_y - im->data.y0);
-	return x0 + (uint64_t)k->width <= (uint64_t)im->w && y0 + (uint64_t)k->height <= (uint64_t)im->h;
+	y0 = job->tile_w ? (uint64_t)k->start_y * job->tile_h
+			 : (uint64_t)((int64_t)k->start_y - im->data.y0);
+	return x0 + (uint64_t)k->width <= (uint64_t)im->w &&
+	       y0 + (uint64_t)k->height <= (uint64_t)im->h;
 }
 
 /* Width and height of the file's chunks. */
@@ -231,10 +240,11 @@ static int chunk_size(struct job *job, int *w, int *h, struct gd_err *err)
 	int32_t rows = 0;
 
 	if (file->storage == EXR_STORAGE_TILED) {
-		code = exr_get_tile_descriptor(file->ctx, file->part, &job->tile_w, &job->tile_h, &level,
-					       &round);
-		if (code == EXR_ERR_SUCCESS && (job->tile_w < 1 || job->tile_h < 1 ||
-						job->tile_w > GD_MAX_SIDE || job->tile_h > GD_MAX_SIDE))
+		code = exr_get_tile_descriptor(file->ctx, file->part, &job->tile_w, &job->tile_h,
+					       &level, &round);
+		if (code == EXR_ERR_SUCCESS &&
+		    (job->tile_w < 1 || job->tile_h < 1 || job->tile_w > GD_MAX_SIDE ||
+		     job->tile_h > GD_MAX_SIDE))
 			code = EXR_ERR_INVALID_ATTR;
 		*w = (int)job->tile_w;
 		*h = (int)job->tile_h;
@@ -261,8 +271,8 @@ static int find_chunk(struct job *job, exr_chunk_info_t *k, int x, int y, struct
 		code = exr_read_scanline_chunk_info(file->ctx, file->part, job->im->data.y0 + y, k);
 	if (code == EXR_ERR_SUCCESS && plausible(job, k))
 		return gd_input_need(&file->in, k->packed_size, k->data_offset, err);
-	return gd_fail(err, GD_EFORMAT, "%s: truncated or damaged: no valid %s data at %d,%d", file->in.label,
-		       gd_exr_codec[file->compression], x, y);
+	return gd_fail(err, GD_EFORMAT, "%s: truncated or damaged: no valid %s data at %d,%d",
+		       file->in.label, gd_exr_codec[file->compression], x, y);
 }
 
 static int find_chunks(struct job *job, struct gd_err *err)
@@ -275,7 +285,8 @@ static int find_chunks(struct job *job, struct gd_err *err)
 	size_t nx = ((size_t)job->im->w + (size_t)w - 1) / (size_t)w;
 	size_t ny = ((size_t)job->im->h + (size_t)h - 1) / (size_t)h;
 	if (nx * ny > file->in.size / sizeof(uint64_t))
-		return gd_fail(err, GD_EFORMAT, "%s: shorter than its own table of contents", file->in.label);
+		return gd_fail(err, GD_EFORMAT, "%s: shorter than its own table of contents",
+			       file->in.label);
 	job->chunk = calloc(nx * ny, sizeof(*job->chunk));
 	if (!job->chunk)
 		return gd_fail(err, GD_ENOMEM, "%s: out of memory", file->in.label);
@@ -289,19 +300,21 @@ static int find_chunks(struct job *job, struct gd_err *err)
 static int make_targets(struct job *job, struct gd_err *err)
 {
 	const struct gd_exr *file = job->file;
-	size_t w = (size_t)job->im->w, h = (size_t)job->im->h, stride = gd_stride(job->im->w), total = 0;
+	size_t w = (size_t)job->im->w, h = (size_t)job->im->h, stride = gd_stride(job->im->w),
+	       total = 0;
 
 	for (int c = 0; c < file->nfile; c++) {
 		int i = gd_image_find(job->im, file->name[c]);
 		if (i < 0 || job->im->chan[i].want == GD_DROP)
 			continue;
 		struct gd_channel *chan = &job->im->chan[i];
-		total += chan->want == GD_READ ? h * stride * sizeof(float) : h * w * job->target[c].bytes;
+		total += chan->want == GD_READ ? h * stride * sizeof(float)
+					       : h * w * job->target[c].bytes;
 		job->target[c].chan = chan;
 	}
 	if (total > GD_MAX_BYTES)
-		return gd_fail(err, GD_ENOMEM, "%s: %zu GiB of pixels, the limit is %zu", file->in.label,
-			       total >> 30, GD_MAX_BYTES >> 30);
+		return gd_fail(err, GD_ENOMEM, "%s: %zu GiB of pixels, the limit is %zu",
+			       file->in.label, total >> 30, GD_MAX_BYTES >> 30);
 	for (int c = 0; c < file->nfile; c++) {
 		struct gd_channel *chan = job->target[c].chan;
 		if (chan && chan->want == GD_READ)
@@ -316,13 +329,14 @@ static int make_targets(struct job *job, struct gd_err *err)
 }
 
 /*
- * Whether the rest of a stream can be decoded as it comes: uncompressed rows, each a chunk of one size,
- * in the order of the image. The table that tells is kept.
+ * Whether the rest of a stream can be decoded as it comes: uncompressed rows, each a chunk of one
+ * size, in the order of the image. The table that tells is kept.
  */
 static int check_stream(struct job *job, bool *flows, struct gd_err *err)
 {
 	struct gd_exr *file = job->file;
-	uint64_t size = LEADER, n = (uint64_t)job->im->h, end = file->head_end + n * sizeof(uint64_t), at;
+	uint64_t size = LEADER, n = (uint64_t)job->im->h,
+		 end = file->head_end + n * sizeof(uint64_t), at;
 	int parts = 0, rc;
 
 	*flows = false;
@@ -349,7 +363,8 @@ static int check_stream(struct job *job, bool *flows, struct gd_err *err)
 static exr_result_t unpack_rows(const struct job *job, const unsigned char *v, int y, int n)
 {
 	for (int end = y + n; y < end; y++, v += job->row_bytes) {
-		exr_chunk_info_t k = { .start_y = job->im->data.y0 + y, .width = job->im->w, .height = 1 };
+		exr_chunk_info_t k = {
+			.start_y = job->im->data.y0 + y, .width = job->im->w, .height = 1};
 		int32_t leader[2];
 		memcpy(leader, v, sizeof leader);
 		if (leader[0] != k.start_y || (size_t)leader[1] != job->row_bytes - LEADER)
@@ -386,8 +401,8 @@ static int decode_stream(struct job *job, struct gd_err *err)
 		free(buf);
 	}
 	if (rc == GD_OK && job->failed != SIZE_MAX)
-		rc = gd_fail(err, GD_EFORMAT, "%s: damaged data in the rows from %zu", file->in.label,
-			     job->failed);
+		rc = gd_fail(err, GD_EFORMAT, "%s: damaged data in the rows from %zu",
+			     file->in.label, job->failed);
 	return rc;
 }
 

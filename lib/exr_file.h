@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* An EXR file that is being read: what the header's reader and the decoder share, and nobody else. */
+/*
+ * An EXR file that is being read: what the header's reader and the decoder share, and nobody else.
+ */
 #ifndef GD_EXR_FILE_H
 #define GD_EXR_FILE_H
 

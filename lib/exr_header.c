@@ -12,9 +12,17 @@
 
 bool gd_exr_structural(const char *name)
 {
-	static const char *const list[] = { "channels", "compression", "dataWindow", "displayWindow",
-					    "lineOrder", "type", "name", "tiles", "chunkCount",
-					    "version", "maxSamplesPerPixel" };
+	static const char *const list[] = {"channels",
+					   "compression",
+					   "dataWindow",
+					   "displayWindow",
+					   "lineOrder",
+					   "type",
+					   "name",
+					   "tiles",
+					   "chunkCount",
+					   "version",
+					   "maxSamplesPerPixel"};
 
 	for (size_t i = 0; i < sizeof list / sizeof *list; i++)
 		if (strcmp(name, list[i]) == 0)
@@ -65,7 +73,8 @@ static enum step walk_attr(struct walk *w, struct gd_attr *a)
 }
 
 /* STEP_END: done. Attributes already in im (from a shorter try) are left alone. */
-static int walk_part(struct gd_image *im, struct walk *w, int part, enum step *step, struct gd_err *err)
+static int walk_part(struct gd_image *im, struct walk *w, int part, enum step *step,
+		     struct gd_err *err)
 {
 	struct gd_attr a;
 	int rc = GD_OK;
@@ -84,7 +93,8 @@ static int walk_part(struct gd_image *im, struct walk *w, int part, enum step *s
 	return rc;
 }
 
-int gd_exr_header_attrs(struct gd_image *im, const struct gd_input *in, int part, struct gd_err *err)
+int gd_exr_header_attrs(struct gd_image *im, const struct gd_input *in, int part,
+			struct gd_err *err)
 {
 	uint64_t n = in->size < FIRST_BYTES ? in->size : FIRST_BYTES;
 	unsigned char *buf = NULL;
@@ -158,7 +168,8 @@ int gd_bytes_add(struct gd_bytes *b, const void *data, size_t n, struct gd_err *
 		size_t room = b->room + b->room / 2 + n + 4096;
 		unsigned char *v = realloc(b->v, room);
 		if (!v)
-			return gd_fail(err, GD_ENOMEM, "out of memory for %zu bytes of output", room);
+			return gd_fail(err, GD_ENOMEM, "out of memory for %zu bytes of output",
+				       room);
 		b->v = v;
 		b->room = room;
 	}
@@ -171,10 +182,12 @@ int gd_bytes_add(struct gd_bytes *b, const void *data, size_t n, struct gd_err *
 int gd_bytes_attr(struct gd_bytes *b, const struct gd_attr *a, struct gd_err *err)
 {
 	uint32_t size = (uint32_t)a->size;
-	int rc = gd_bytes_add(b, a->name, strlen(a->name) + 1, err);
+	int rc;
 
 	if (a->size > INT32_MAX || strlen(a->name) > GD_EXR_NAME || strlen(a->type) > GD_EXR_NAME)
-		return gd_fail(err, GD_ESHAPE, "attribute %.64s does not fit into an EXR header", a->name);
+		return gd_fail(err, GD_ESHAPE, "attribute %.64s does not fit into an EXR header",
+			       a->name);
+	rc = gd_bytes_add(b, a->name, strlen(a->name) + 1, err);
 	if (rc == GD_OK)
 		rc = gd_bytes_add(b, a->type, strlen(a->type) + 1, err);
 	if (rc == GD_OK)

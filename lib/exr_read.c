@@ -12,8 +12,8 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "EXR is little-endian 
 
 #define MAGIC		"\x76\x2f\x31\x01"
 
-const char *const gd_exr_codec[] = { "uncompressed", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A",
-				     "DWAA", "DWAB" };
+const char *const gd_exr_codec[] = {"uncompressed", "RLE", "ZIPS", "ZIP",  "PIZ",
+				    "PXR24",	    "B44", "B44A", "DWAA", "DWAB"};
 
 /* Texts of the library may quote the file: nothing but printable ASCII goes on. */
 static void keep_message(exr_const_context_t ctx, exr_result_t code, const char *text)
@@ -69,12 +69,13 @@ static int open_plugin(struct gd_exr *file, struct gd_image *im, struct gd_err *
 	struct gd_err why = { 0 };
 
 	if (in->mem && !file->ctx)
-		return gd_fail(err, GD_EFORMAT, "%s: not an OpenEXR file (a pipe must carry one)", in->label);
+		return gd_fail(err, GD_EFORMAT, "%s: not an OpenEXR file (a pipe must carry one)",
+			       in->label);
 	if (gd_plugin_check(&why) != GD_OK)
-		return gd_fail(err, GD_EFORMAT, "%s: not an OpenEXR file, and any other %s", in->label,
-			       why.text);
-	return gd_plugin_open(&file->plugin, im, in->mem ? "stdin.exr" : in->path, in->mem, in->size,
-			      file->part, err);
+		return gd_fail(err, GD_EFORMAT, "%s: not an OpenEXR file, and any other %s",
+			       in->label, why.text);
+	return gd_plugin_open(&file->plugin, im, in->mem ? "stdin.exr" : in->path, in->mem,
+			      in->size, file->part, err);
 }
 
 static int parse_header(struct gd_exr *file, struct gd_err *err)
@@ -100,8 +101,8 @@ static int check_part(struct gd_exr *file, struct gd_err *err)
 
 	code = exr_get_count(file->ctx, &count);
 	if (code == EXR_ERR_SUCCESS && (file->part < 0 || file->part >= count))
-		return gd_fail(err, GD_EARG, "%s: no part %d, parts are 0 to %d", file->in.label, file->part,
-			       count - 1);
+		return gd_fail(err, GD_EARG, "%s: no part %d, parts are 0 to %d", file->in.label,
+			       file->part, count - 1);
 	if (code == EXR_ERR_SUCCESS)
 		code = exr_get_storage(file->ctx, file->part, &file->storage);
 	if (code == EXR_ERR_SUCCESS)
@@ -109,7 +110,8 @@ static int check_part(struct gd_exr *file, struct gd_err *err)
 	if (code != EXR_ERR_SUCCESS)
 		return gd_exr_fail_library(file, code, err);
 	if (file->storage != EXR_STORAGE_SCANLINE && file->storage != EXR_STORAGE_TILED)
-		return gd_fail(err, GD_EFORMAT, "%s: deep images are not supported", file->in.label);
+		return gd_fail(err, GD_EFORMAT, "%s: deep images are not supported",
+			       file->in.label);
 	if (file->compression < 0 || file->compression >= EXR_COMPRESSION_LAST_TYPE)
 		return gd_fail(err, GD_EFORMAT, "%s: unknown compression %d", file->in.label,
 			       (int)file->compression);
@@ -154,7 +156,8 @@ static int read_channels(struct gd_exr *file, struct gd_image *im, struct gd_err
 	for (int c = 0; c < list->num_channels && rc == GD_OK; c++) {
 		const exr_attr_chlist_entry_t *e = &list->entries[c];
 		if (e->x_sampling != 1 || e->y_sampling != 1)
-			return gd_fail(err, GD_EFORMAT, "%s: channel %s is sub-sampled (%dx%d), expected 1x1",
+			return gd_fail(err, GD_EFORMAT,
+				       "%s: channel %s is sub-sampled (%dx%d), expected 1x1",
 				       file->in.label, e->name.str, e->x_sampling, e->y_sampling);
 		if (e->pixel_type < 0 || e->pixel_type > EXR_PIXEL_FLOAT)
 			return gd_fail(err, GD_EFORMAT, "%s: channel %s has unknown type %d",
@@ -178,9 +181,10 @@ static int check_codec(const struct gd_exr *file, struct gd_err *err)
 {
 	if (!needs_plugin(file) || gd_plugin_check(NULL) == GD_OK)
 		return GD_OK;
-	return gd_fail(err, GD_EFORMAT, "%s: %s compression needs the OpenImageIO plug-in; or convert it by "
-		       "\"oiiotool in.exr --compression zip -o out.exr\"", file->in.label,
-		       gd_exr_codec[file->compression]);
+	return gd_fail(err, GD_EFORMAT,
+		       "%s: %s compression needs the OpenImageIO plug-in; or convert it by "
+		       "\"oiiotool in.exr --compression zip -o out.exr\"",
+		       file->in.label, gd_exr_codec[file->compression]);
 }
 
 static int open_exr(struct gd_exr *file, struct gd_image *im, struct gd_err *err)

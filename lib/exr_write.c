@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Writing. The library makes the header (required attributes; ours are put in behind them as they are)
- * and compresses; rows are packed and chunks are laid out here, because the library can only write to
- * what it can seek in, packs under a lock, and since an uncompressed picture's table of contents is
- * known beforehand: that goes straight into a pipe. Layout: header, offsets of all chunks, chunks of
- * { row, bytes, data } from the top.
+ * Writing. The library makes the header (required attributes; ours are put in behind them as they
+ * are) and compresses; rows are packed and chunks are laid out here, because the library can only
+ * write to what it can seek in, packs under a lock, and since an uncompressed picture's table of
+ * contents is known beforehand: that goes straight into a pipe. Layout: header, offsets of all
+ * chunks, chunks of { row, bytes, data } from the top.
  */
 #include "exr.h"
 
@@ -18,7 +18,7 @@
 
 #define ZIP_LEVEL	4		/* nearly the size of level 6 for half the time */
 #define LEADER		8		/* bytes before a chunk's data */
-#define SMALL		((size_t)256 << 10)	/* less than this is done before threads have woken up */
+#define SMALL		((size_t)256 << 10)	/* bytes; done before threads have woken up */
 #define RAW_BYTES	((size_t)1 << 20)	/* uncompressed rows handed over at a time, about */
 
 struct writer {
@@ -42,8 +42,8 @@ static void quiet(exr_const_context_t ctx, exr_result_t code, const char *text)
 }
 
 /* Catches what the library writes: the header. */
-static int64_t write_fn(exr_const_context_t ctx, void *user, const void *buf, uint64_t n, uint64_t offset,
-			exr_stream_error_func_ptr_t error)
+static int64_t write_fn(exr_const_context_t ctx, void *user, const void *buf, uint64_t n,
+			uint64_t offset, exr_stream_error_func_ptr_t error)
 {
 	struct writer *w = user;
 
@@ -82,7 +82,8 @@ static bool has_long_names(const struct gd_image *im)
 		if (has_pixels(&im->chan[i]) && strlen(im->chan[i].name) > GD_EXR_SHORT)
 			return true;
 	for (int i = 0; i < im->nattr; i++)
-		if (strlen(im->attr[i].name) > GD_EXR_SHORT || strlen(im->attr[i].type) > GD_EXR_SHORT)
+		if (strlen(im->attr[i].name) > GD_EXR_SHORT ||
+		    strlen(im->attr[i].type) > GD_EXR_SHORT)
 			return true;
 	return false;
 }
@@ -109,8 +110,9 @@ static exr_result_t required_attrs(struct writer *w, enum gd_compression compres
 						  EXR_COMPRESSION_ZIPS, EXR_COMPRESSION_ZIP,
 						  EXR_COMPRESSION_PIZ };
 	const struct gd_box *d = &w->im->data, *s = &w->im->display;
-	exr_attr_box2i_t data = { .min = { .x = d->x0, .y = d->y0 }, .max = { .x = d->x1, .y = d->y1 } };
-	exr_attr_box2i_t display = { .min = { .x = s->x0, .y = s->y0 }, .max = { .x = s->x1, .y = s->y1 } };
+	exr_attr_box2i_t data = {.min = {.x = d->x0, .y = d->y0}, .max = {.x = d->x1, .y = d->y1}};
+	exr_attr_box2i_t display = {.min = {.x = s->x0, .y = s->y0},
+				    .max = {.x = s->x1, .y = s->y1}};
 	float aspect = 1, width = 1, center[2] = { 0, 0 };
 
 	required_floats(w->im, "pixelAspectRatio", "float", &aspect, 1);
@@ -131,7 +133,8 @@ static int add_channels(struct writer *w, struct gd_err *err)
 		if (!has_pixels(c))
 			continue;
 		if (strlen(c->name) > GD_EXR_NAME)
-			return gd_fail(err, GD_ESHAPE, "%s: channel %.32s...: name of %zu bytes, the limit is %d",
+			return gd_fail(err, GD_ESHAPE,
+				       "%s: channel %.32s...: name of %zu bytes, the limit is %d",
 				       w->label, c->name, strlen(c->name), GD_EXR_NAME);
 		exr_result_t code = exr_add_channel(w->ctx, 0, c->name, type[written_type(c)],
 						    EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
@@ -208,8 +211,10 @@ static int make_header(struct writer *w, enum gd_compression compression, struct
 	w->raw = compression == GD_NONE;
 	rc = order_channels(w, err);
 	if (rc == GD_OK && w->row_bytes * (size_t)rows > INT32_MAX)
-		rc = gd_fail(err, GD_ESHAPE, "%s: %zu bytes in a chunk of %d rows, the limit is %d: "
-			     "try another compression", w->label, w->row_bytes * (size_t)rows, rows, INT32_MAX);
+		rc = gd_fail(err, GD_ESHAPE,
+			     "%s: %zu bytes in a chunk of %d rows, the limit is %d: "
+			     "try another compression",
+			     w->label, w->row_bytes * (size_t)rows, rows, INT32_MAX);
 	return rc == GD_OK ? finish_header(w, err) : rc;
 }
 
@@ -229,7 +234,8 @@ static unsigned char *pack_row(const struct writer *w, unsigned char *out, int y
 	return out;
 }
 
-static unsigned char *pack_leader(const struct writer *w, unsigned char *out, int chunk, size_t bytes)
+static unsigned char *pack_leader(const struct writer *w, unsigned char *out, int chunk,
+				  size_t bytes)
 {
 	int32_t leader[2] = { w->im->data.y0 + chunk * w->rows, (int32_t)bytes };
 
@@ -308,8 +314,8 @@ static exr_result_t compress(struct writer *w, exr_encode_pipeline_t *pipe, int 
 	pipe->packed_alloc_size = bytes;
 	code = pipe->compress_fn(pipe);
 	/*
-	 * A reader takes a chunk of its full size for uncompressed. The library stores a deflated one that
-	 * happens to have exactly that size, which would come back as noise.
+	 * A reader takes a chunk of its full size for uncompressed. The library stores a deflated
+	 * one that happens to have exactly that size, which would come back as noise.
 	 */
 	bool shrunk = pipe->compressed_bytes < bytes;
 	*data = shrunk ? pipe->compressed_buffer : packed;
@@ -352,7 +358,8 @@ static int write_compressed(struct writer *w, struct gd_err *err)
 			for (int y = 0; packed && y < rows_of(w, i); y++)
 				end = pack_row(w, end, i * w->rows + y);
 			if (packed)
-				code = compress(w, &pipe, i, packed, (size_t)(end - packed), &data, &n);
+				code = compress(w, &pipe, i, packed, (size_t)(end - packed), &data,
+						&n);
 			gd_turn_wait(&turn, i);
 			if (code != EXR_ERR_SUCCESS && rc == GD_OK)
 				rc = fail_library(w, code, err);
@@ -370,14 +377,15 @@ static int write_compressed(struct writer *w, struct gd_err *err)
 
 static int check_image(const struct gd_image *im, const char *label, struct gd_err *err)
 {
-	int64_t w = (int64_t)im->data.x1 - im->data.x0 + 1, h = (int64_t)im->data.y1 - im->data.y0 + 1;
+	int64_t w = (int64_t)im->data.x1 - im->data.x0 + 1,
+		h = (int64_t)im->data.y1 - im->data.y0 + 1;
 
 	if (im->w < 1 || im->h < 1 || im->w > GD_MAX_SIDE || im->h > GD_MAX_SIDE)
-		return gd_fail(err, GD_ESHAPE, "%s: %dx%d pixels, expected 1 to %d on a side", label, im->w,
-			       im->h, GD_MAX_SIDE);
+		return gd_fail(err, GD_ESHAPE, "%s: %dx%d pixels, expected 1 to %d on a side",
+			       label, im->w, im->h, GD_MAX_SIDE);
 	if (w != im->w || h != im->h)
-		return gd_fail(err, GD_ESHAPE, "%s: %dx%d pixels, but a data window of %lldx%lld", label,
-			       im->w, im->h, (long long)w, (long long)h);
+		return gd_fail(err, GD_ESHAPE, "%s: %dx%d pixels, but a data window of %lldx%lld",
+			       label, im->w, im->h, (long long)w, (long long)h);
 	return GD_OK;
 }
 

@@ -167,7 +167,7 @@ int gd_attr_set_string(struct gd_image *im, const char *name, const char *text, 
 	return gd_attr_set(im, name, "string", text, strlen(text), err);
 }
 
-/* As float where that loses less than its own rounding would be noticed: double keeps all. */
+/* As float where that keeps the value, else as double. */
 int gd_attr_set_number(struct gd_image *im, const char *name, double value, struct gd_err *err)
 {
 	float f = (float)value;

@@ -64,7 +64,7 @@ void gd_image_drop(struct gd_image *im, const char *name);
 void gd_image_drop_if(struct gd_image *im, bool (*drop)(const char *name, void *user), void *user);
 
 /* Attributes; setters replace one of that name, whatever its type. Getters return false if absent
- * or of a type that does not convert (numbers: int, float, double, and strings that hold a number). */
+ * or of a type that does not convert (numbers: int, float, double, strings that hold a number). */
 int gd_attr_set(struct gd_image *im, const char *name, const char *type, const void *data,
 		size_t size, struct gd_err *err);
 int gd_attr_set_string(struct gd_image *im, const char *name, const char *text, struct gd_err *err);

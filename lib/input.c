@@ -32,13 +32,13 @@ static int64_t read_some(int fd, void *buf, size_t n)
 
 static void *reserve(size_t size)
 {
-	return mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1,
-		    0);
+	return mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE,
+		    -1, 0);
 }
 
 /*
- * Makes room for at least want bytes. Address space costs nothing, so the first try takes plenty and
- * the mapping hardly ever has to move; where little is allowed it doubles.
+ * Makes room for at least want bytes. Address space costs nothing, so the first try takes plenty
+ * and the mapping hardly ever has to move; where little is allowed it doubles.
  */
 static int slurp_grow(struct gd_input *in, uint64_t want, bool huge, struct gd_err *err)
 {
@@ -120,7 +120,8 @@ int gd_input_open(struct gd_input *in, const char *path, struct gd_err *err)
 	int rc = GD_OK;
 
 	*in = (struct gd_input){ .path = path, .label = standard ? "stdin" : path };
-	in->fd = standard ? fcntl(STDIN_FILENO, F_DUPFD_CLOEXEC, 3) : open(path, O_RDONLY | O_CLOEXEC);
+	in->fd = standard ? fcntl(STDIN_FILENO, F_DUPFD_CLOEXEC, 3)
+			  : open(path, O_RDONLY | O_CLOEXEC);
 	if (in->fd < 0)
 		return fail_errno(in, err);
 	if (fstat(in->fd, &st) != 0) {
@@ -134,7 +135,7 @@ int gd_input_open(struct gd_input *in, const char *path, struct gd_err *err)
 		in->size = (uint64_t)st.st_size > in->base ? (uint64_t)st.st_size - in->base : 0;
 	} else {
 		in->stream = true;
-		fcntl(in->fd, F_SETPIPE_SZ, PIPE_BYTES);	/* fails for what is no pipe: no matter */
+		fcntl(in->fd, F_SETPIPE_SZ, PIPE_BYTES);	/* does nothing to others */
 		rc = gd_input_keep(in, 1, err);
 	}
 	if (rc == GD_OK && in->size == 0)
@@ -180,7 +181,8 @@ int64_t gd_input_read(const struct gd_input *in, void *buf, uint64_t n, uint64_t
 	return (int64_t)done;
 }
 
-const unsigned char *gd_input_view(const struct gd_input *in, void *buf, uint64_t n, uint64_t offset)
+const unsigned char *gd_input_view(const struct gd_input *in, void *buf, uint64_t n,
+				   uint64_t offset)
 {
 	if (offset > in->size || n > in->size - offset)
 		return NULL;
@@ -189,7 +191,10 @@ const unsigned char *gd_input_view(const struct gd_input *in, void *buf, uint64_
 	return gd_input_read(in, buf, n, offset) == (int64_t)n ? buf : NULL;
 }
 
-/* Blocks lie at multiples of BLOCK in the address space: number and end (an offset) of the one at offset. */
+/*
+ * Blocks lie at multiples of BLOCK in the address space: number and end (an offset) of the one at
+ * offset.
+ */
 static size_t block_at(const struct gd_input *in, uint64_t offset, uint64_t *end)
 {
 	uint64_t skew = (uintptr_t)in->mem % BLOCK, b = (offset + skew) / BLOCK;

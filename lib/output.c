@@ -67,8 +67,8 @@ static int open_named(struct gd_output *out, mode_t mode)
 }
 
 /*
- * Opens a file that has no name, and so leaves nothing even if we are killed. -1 where the file system
- * does not know such files, or where there is no /proc to name it later.
+ * Opens a file that has no name, and so leaves nothing even if we are killed. -1 where the file
+ * system does not know such files, or where there is no /proc to name it later.
  */
 static int open_nameless(const struct gd_output *out, mode_t mode)
 {
@@ -83,7 +83,8 @@ static int open_nameless(const struct gd_output *out, mode_t mode)
 	return fd;
 }
 
-static int open_file(struct gd_output *out, const char *path, const struct stat *old, struct gd_err *err)
+static int open_file(struct gd_output *out, const char *path, const struct stat *old,
+		     struct gd_err *err)
 {
 	out->file = true;
 	out->target = old ? realpath(path, NULL) : strdup(path);
@@ -134,7 +135,8 @@ int gd_output_open(struct gd_output **result, const char *path, bool stream, str
 	return rc;
 }
 
-static int write_all(const struct gd_output *out, const unsigned char *data, size_t n, struct gd_err *err)
+static int write_all(const struct gd_output *out, const unsigned char *data, size_t n,
+		     struct gd_err *err)
 {
 	while (n > 0) {
 		ssize_t done = write(out->fd, data, n < MAX_WRITE ? n : MAX_WRITE);
@@ -154,7 +156,8 @@ static int hold(struct gd_output *out, const void *data, size_t n, struct gd_err
 		size_t room = out->room + out->room / 2 + n + 65536;
 		unsigned char *mem = realloc(out->mem, room);
 		if (!mem)
-			return gd_fail(err, GD_ENOMEM, "%s: out of memory for %zu bytes", out->label, room);
+			return gd_fail(err, GD_ENOMEM, "%s: out of memory for %zu bytes",
+				       out->label, room);
 		out->mem = mem;
 		out->room = room;
 	}
@@ -176,7 +179,8 @@ uint64_t gd_output_size(const struct gd_output *out)
 	return out->size;
 }
 
-int gd_output_patch(struct gd_output *out, const void *data, size_t n, uint64_t offset, struct gd_err *err)
+int gd_output_patch(struct gd_output *out, const void *data, size_t n, uint64_t offset,
+		    struct gd_err *err)
 {
 	const unsigned char *v = data;
 
@@ -246,7 +250,7 @@ int gd_output_commit(struct gd_output *out, struct gd_err *err)
 	if (rc != GD_OK)
 		return rc;
 	out->fd = -1;
-	return close(fd) == 0 ? GD_OK : fail_errno(out, err);	/* some file systems tell only now */
+	return close(fd) == 0 ? GD_OK : fail_errno(out, err);	/* some tell only now */
 }
 
 void gd_output_close(struct gd_output *out)

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Threads of one parallel loop that take turns in the order of its iterations, for the part that must
- * be serial (reading from or writing to a stream). It sleeps where "omp ordered" would spin: the other
- * end of a pipe needs that processor. The loop must hand its iterations out in increasing order, one at
- * a time: schedule(monotonic : dynamic, 1).
+ * Threads of one parallel loop that take turns in the order of its iterations, for the part that
+ * must be serial (reading from or writing to a stream). It sleeps where "omp ordered" would spin:
+ * the other end of a pipe needs that processor. The loop must hand its iterations out in increasing
+ * order, one at a time: schedule(monotonic : dynamic, 1).
  */
 #ifndef GD_TURN_H
 #define GD_TURN_H

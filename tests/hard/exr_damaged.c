@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Hostile input: the broken files of testdata/damaged, and good files of every codec and layout with
- * bytes changed, cut out or doubled. Each is read, or refused in one line; the sanitizers watch.
+ * Hostile input: the broken files of testdata/damaged, and good files of every codec and layout
+ * with bytes changed, cut out or doubled. Each is read, or refused in one line; the sanitizers
+ * watch.
  */
 #include "../unit/exr_make.h"
 
@@ -61,7 +62,8 @@ static void test_collection(void **state)
 		fail_msg("no directory %s", data_dir);
 	while ((e = readdir(dir))) {
 		char path[8192];
-		if (e->d_name[0] == '.' || strcmp(e->d_name, "README") == 0 || strcmp(e->d_name, "LICENSE") == 0)
+		if (e->d_name[0] == '.' || strcmp(e->d_name, "README") == 0 ||
+		    strcmp(e->d_name, "LICENSE") == 0)
 			continue;
 		snprintf(path, sizeof path, "%s/%s", data_dir, e->d_name);
 		bool ok = check(path, path, false, GD_READ);
@@ -135,15 +137,20 @@ static void test_mutants(void **state)
 	(void)state;
 	for (int k = EXR_COMPRESSION_NONE; k <= EXR_COMPRESSION_B44A; k++)
 		for (int layout = 0; layout < 3; layout++) {
-			/* in tiles narrower than 4 the library's own B44 grows beyond what it reads */
-			struct make_part p[2] = { { .storage = layout == 1 ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE,
-						    .compression = (exr_compression_t)k,
-						    .data = make_box(-2, 3, 29, 40),
-						    .display = make_box(0, 0, 40, 40),
-						    .tile = 16,
-						    .nchan = 4,
-						    .chan = { { "R", EXR_PIXEL_HALF, 1 }, { "G", EXR_PIXEL_HALF, 1 },
-							      { "Z", EXR_PIXEL_FLOAT, 1 }, { "id", EXR_PIXEL_UINT, 1 } } } };
+			/*
+			 * in tiles narrower than 4 the library's own B44 grows beyond what it reads
+			 */
+			struct make_part p[2] = {
+				{.storage = layout == 1 ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE,
+				 .compression = (exr_compression_t)k,
+				 .data = make_box(-2, 3, 29, 40),
+				 .display = make_box(0, 0, 40, 40),
+				 .tile = 16,
+				 .nchan = 4,
+				 .chan = {{"R", EXR_PIXEL_HALF, 1},
+					  {"G", EXR_PIXEL_HALF, 1},
+					  {"Z", EXR_PIXEL_FLOAT, 1},
+					  {"id", EXR_PIXEL_UINT, 1}}}};
 			p[1] = p[0];
 			if (layout == 2) {
 				p[0].name = "a";
@@ -158,7 +165,8 @@ static void test_mutants(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = { cmocka_unit_test(test_collection), cmocka_unit_test(test_mutants) };
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_collection),
+					   cmocka_unit_test(test_mutants)};
 
 	return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* EXR files made by OpenEXR's own C library, and small helpers, for the tests of reading and writing. */
+/*
+ * EXR files made by OpenEXR's own C library, and small helpers, for the tests of reading and
+ * writing.
+ */
 #ifndef EXR_MAKE_H
 #define EXR_MAKE_H
 
@@ -47,7 +50,10 @@ static inline uint32_t make_hash(uint32_t v)
 	return v ^ (v >> 16);
 }
 
-/* Finite values for floats, any bits for uints; smooth enough that every codec finds something to do. */
+/*
+ * Finite values for floats, any bits for uints; smooth enough that every codec finds something to
+ * do.
+ */
 static inline uint32_t make_bits(exr_pixel_type_t type, int c, int x, int y)
 {
 	uint32_t r = make_hash((uint32_t)(c * 7919 + y * 131 + x / 3));
@@ -68,7 +74,8 @@ static inline void make_ok(exr_result_t code)
 		fail_msg("OpenEXR: %s", exr_get_default_error_message(code));
 }
 
-static inline void make_pixels(const struct make_part *p, exr_encode_pipeline_t *enc, int x0, int y0)
+static inline void make_pixels(const struct make_part *p, exr_encode_pipeline_t *enc, int x0,
+			       int y0)
 {
 	for (int c = 0; c < enc->channel_count; c++) {
 		exr_coding_channel_info_t *k = &enc->channels[c];
@@ -79,8 +86,10 @@ static inline void make_pixels(const struct make_part *p, exr_encode_pipeline_t 
 			id++;
 		for (int y = 0; y < k->height; y++)
 			for (int x = 0; x < k->width; x++) {
-				uint32_t u = make_bits((exr_pixel_type_t)k->data_type, id, x0 + x, y0 + y);
-				memcpy(v + bytes * ((size_t)y * (size_t)k->width + (size_t)x), &u, bytes);
+				uint32_t u = make_bits((exr_pixel_type_t)k->data_type, id, x0 + x,
+						       y0 + y);
+				memcpy(v + bytes * ((size_t)y * (size_t)k->width + (size_t)x), &u,
+				       bytes);
 			}
 		k->encode_from_ptr = v;
 		k->user_pixel_stride = (int32_t)bytes;
@@ -146,9 +155,9 @@ static inline void make_head(exr_context_t ctx, const struct make_part *p)
 	if (p->storage == EXR_STORAGE_DEEP_SCANLINE)
 		make_ok(exr_set_version(ctx, part, 1));
 	if (p->storage == EXR_STORAGE_TILED || p->storage == EXR_STORAGE_DEEP_TILED)
-		make_ok(exr_set_tile_descriptor(ctx, part, (uint32_t)p->tile, (uint32_t)p->tile,
-						p->mip ? EXR_TILE_MIPMAP_LEVELS : EXR_TILE_ONE_LEVEL,
-						EXR_TILE_ROUND_DOWN));
+		make_ok(exr_set_tile_descriptor(
+			ctx, part, (uint32_t)p->tile, (uint32_t)p->tile,
+			p->mip ? EXR_TILE_MIPMAP_LEVELS : EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN));
 	for (int c = 0; c < p->nchan; c++) {
 		int s = p->chan[c].sampling ? p->chan[c].sampling : 1;
 		make_ok(exr_add_channel(ctx, part, p->chan[c].name, p->chan[c].type,
@@ -165,7 +174,9 @@ static inline void make_quiet(exr_const_context_t ctx, exr_result_t code, const 
 	(void)text;
 }
 
-/* The library can read rows stored from the bottom up but not write them: told "random", it does. */
+/*
+ * The library can read rows stored from the bottom up but not write them: told "random", it does.
+ */
 static inline void make_decreasing(const char *path)
 {
 	static const char key[] = "lineOrder\0lineOrder\0\1\0\0";
@@ -249,7 +260,8 @@ static inline void read_ok(struct gd_image *im, const char *path, int part, enum
 }
 
 /* The same from a pipe on standard input. Returns the status. */
-static inline int read_piped(struct gd_image *im, const char *path, enum gd_want want, struct gd_err *err)
+static inline int read_piped(struct gd_image *im, const char *path, enum gd_want want,
+			     struct gd_err *err)
 {
 	char command[4200];
 	int keep = dup(0), rc;

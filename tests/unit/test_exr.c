@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Reading: every layout, codec and type against files made and decoded by OpenEXR's own routines. */
+/*
+ * Reading: every layout, codec and type against files made and decoded by OpenEXR's own routines.
+ */
 #include "exr_make.h"
 
+#include <omp.h>
 #include <sys/resource.h>
-#include <time.h>
+#include <sys/wait.h>
 
 static char *temp_dir;
 
@@ -23,7 +26,9 @@ static int teardown(void **state)
 static float float_of_half(uint32_t h)
 {
 	int e = (int)(h >> 10 & 31), m = (int)(h & 1023);
-	double v = e == 0 ? ldexp(m, -24) : e == 31 ? (m ? (double)NAN : (double)INFINITY) : ldexp(1024 + m, e - 25);
+	double v = e == 0    ? ldexp(m, -24)
+		   : e == 31 ? (m ? (double)NAN : (double)INFINITY)
+			     : ldexp(1024 + m, e - 25);
 
 	return (float)(h >> 15 ? -v : v);
 }
@@ -49,15 +54,20 @@ static void check_channel(const struct gd_image *im, const struct make_part *p, 
 
 	assert_true(i >= 0);
 	const struct gd_channel *k = &im->chan[i];
-	assert_int_equal(k->type, type == EXR_PIXEL_HALF ? GD_HALF : type == EXR_PIXEL_UINT ? GD_UINT : GD_FLOAT);
+	assert_int_equal(k->type, type == EXR_PIXEL_HALF   ? GD_HALF
+				  : type == EXR_PIXEL_UINT ? GD_UINT
+							   : GD_FLOAT);
 	assert_true((k->v != NULL) != (k->raw != NULL));
 	for (int y = 0; y < im->h; y++) {
 		for (int x = 0; x < im->w; x++) {
 			uint32_t want = make_bits(type, c, x, y), got = 0;
 			if (k->raw)
-				memcpy(&got, k->raw + bytes * ((size_t)y * (size_t)im->w + (size_t)x), bytes);
+				memcpy(&got,
+				       k->raw + bytes * ((size_t)y * (size_t)im->w + (size_t)x),
+				       bytes);
 			if (k->raw && got != want)
-				fail_msg("%s at %d,%d: %08x, expected %08x", k->name, x, y, got, want);
+				fail_msg("%s at %d,%d: %08x, expected %08x", k->name, x, y, got,
+					 want);
 			if (k->v && k->v[(size_t)y * stride + (size_t)x] != float_of(type, want))
 				fail_msg("%s at %d,%d: %g, expected %g", k->name, x, y,
 					 (double)k->v[(size_t)y * stride + (size_t)x],
@@ -82,13 +92,15 @@ static void check_image(const struct gd_image *im, const struct make_part *p)
 
 static struct make_part plain(void)
 {
-	return (struct make_part){ .storage = EXR_STORAGE_SCANLINE,
-				   .data = make_box(0, 0, 36, 70),
-				   .display = make_box(0, 0, 36, 70),
-				   .tile = 16,
-				   .nchan = 4,
-				   .chan = { { "R", EXR_PIXEL_FLOAT, 1 }, { "N.X", EXR_PIXEL_HALF, 1 },
-					     { "id", EXR_PIXEL_UINT, 1 }, { "Z", EXR_PIXEL_FLOAT, 1 } } };
+	return (struct make_part){.storage = EXR_STORAGE_SCANLINE,
+				  .data = make_box(0, 0, 36, 70),
+				  .display = make_box(0, 0, 36, 70),
+				  .tile = 16,
+				  .nchan = 4,
+				  .chan = {{"R", EXR_PIXEL_FLOAT, 1},
+					   {"N.X", EXR_PIXEL_HALF, 1},
+					   {"id", EXR_PIXEL_UINT, 1},
+					   {"Z", EXR_PIXEL_FLOAT, 1}}};
 }
 
 static void read_three_ways(const struct make_part *p)
@@ -118,7 +130,8 @@ static void test_lossless(void **state)
 				struct make_part p = plain();
 				p.compression = (exr_compression_t)k;
 				p.storage = tiled ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE;
-				p.order = order ? EXR_LINEORDER_DECREASING_Y : EXR_LINEORDER_INCREASING_Y;
+				p.order = order ? EXR_LINEORDER_DECREASING_Y
+						: EXR_LINEORDER_INCREASING_Y;
 				read_three_ways(&p);
 			}
 }
@@ -194,8 +207,10 @@ static void test_half_values(void **state)
 	assert_int_equal(gd_exr_write(&im, "half.exr", NULL, &err), GD_OK);
 	read_ok(&back, "half.exr", 0, GD_READ);
 	for (int i = 0; i < 65536; i++) {
-		float want = float_of_half((uint32_t)i), got = back.chan[0].v[(size_t)(i / 256) * gd_stride(256) + (size_t)(i % 256)];
-		assert_true(isnan(want) ? isnan(got) : want == got && signbit(want) == signbit(got));
+		float want = float_of_half((uint32_t)i),
+		      got = back.chan[0].v[(size_t)(i / 256) * gd_stride(256) + (size_t)(i % 256)];
+		assert_true(isnan(want) ? isnan(got)
+					: want == got && signbit(want) == signbit(got));
 	}
 	gd_image_free(&im);
 	gd_image_free(&back);
@@ -203,7 +218,7 @@ static void test_half_values(void **state)
 
 static void test_windows(void **state)
 {
-	static const int at[][4] = { { -7, -9, 100, 200 }, { 5, 1000, 0, 0 }, { -100000, 7, -3, -3 } };
+	static const int at[][4] = {{-7, -9, 100, 200}, {5, 1000, 0, 0}, {-100000, 7, -3, -3}};
 
 	(void)state;
 	for (size_t i = 0; i < 3; i++)
@@ -323,9 +338,11 @@ static void test_skipped_half(void **state)
 				p.nchan = n;
 				p.compression = (exr_compression_t)k;
 				for (int c = 0; c < 4; c++)
-					p.chan[c] = (struct make_channel){ &"R\0G\0B\0A"[2 * c], EXR_PIXEL_HALF, 1 };
+					p.chan[c] = (struct make_channel){&"R\0G\0B\0A"[2 * c],
+									  EXR_PIXEL_HALF, 1};
 				make_exr("rgba.exr", &p, 1, false);
-				assert_int_equal(gd_exr_open(&file, &im, "rgba.exr", NULL, &err), GD_OK);
+				assert_int_equal(gd_exr_open(&file, &im, "rgba.exr", NULL, &err),
+						 GD_OK);
 				for (int c = 0; c < n; c++)
 					im.chan[c].want = GD_READ;
 				im.chan[gd_image_find(&im, p.chan[skip].name)].want = GD_DROP;
@@ -352,7 +369,8 @@ static void expect_refusal(const char *path, bool piped)
 {
 	struct gd_err err = { 0 };
 	struct gd_image im = { 0 };
-	int rc = piped ? read_piped(&im, path, GD_READ, &err) : read_all(&im, path, 0, GD_READ, &err);
+	int rc = piped ? read_piped(&im, path, GD_READ, &err)
+		       : read_all(&im, path, 0, GD_READ, &err);
 
 	assert_true(rc == GD_EFORMAT);
 	assert_int_equal(err.code, rc);
@@ -383,7 +401,8 @@ static void test_truncated(void **state)
 }
 
 /* Puts bytes over the value of the attribute that follows key in the header. */
-static void patch(unsigned char *v, size_t n, const char *key, size_t key_n, const void *data, size_t size)
+static void patch(unsigned char *v, size_t n, const char *key, size_t key_n, const void *data,
+		  size_t size)
 {
 	unsigned char *at = memmem(v, n, key, key_n);
 
@@ -391,11 +410,16 @@ static void patch(unsigned char *v, size_t n, const char *key, size_t key_n, con
 	memcpy(at + key_n, data, size);
 }
 
-/* A header of a few hundred bytes that claims any number of pixels costs neither memory nor time. */
+/*
+ * A header of a few hundred bytes that claims any number of pixels costs neither memory nor time.
+ */
 static void test_claims(void **state)
 {
-	static const int32_t box[][4] = { { 0, 0, 59999, 59999 }, { 0, 0, 100663296, 0 }, { 0, 0, 65535, 65535 },
-					  { -2147483647, 0, 2147483646, 3 }, { 5, 5, 4, 4 } };
+	static const int32_t box[][4] = {{0, 0, 59999, 59999},
+					 {0, 0, 100663296, 0},
+					 {0, 0, 65535, 65535},
+					 {-2147483647, 0, 2147483646, 3},
+					 {5, 5, 4, 4}};
 
 	(void)state;
 	for (int k = 0; k <= EXR_COMPRESSION_PIZ; k++)
@@ -425,11 +449,14 @@ static void test_constant(void **state)
 		struct gd_image im, back;
 		gd_image_init(&im, 20000, 64);
 		for (int c = 0; c < 4; c++)
-			assert_int_equal(gd_image_add(&im, (char[2]){ (char)('A' + c), 0 }, NULL, &err), GD_OK);
+			assert_int_equal(
+				gd_image_add(&im, (char[2]){(char)('A' + c), 0}, NULL, &err),
+				GD_OK);
 		assert_int_equal(gd_exr_write(&im, "zero.exr", &conf, &err), GD_OK);
 		read_ok(&back, "zero.exr", 0, GD_READ);
 		for (int c = 0; c < 4; c++)
-			assert_memory_equal(back.chan[c].v, im.chan[c].v, 64 * gd_stride(20000) * sizeof(float));
+			assert_memory_equal(back.chan[c].v, im.chan[c].v,
+					    64 * gd_stride(20000) * sizeof(float));
 		gd_image_free(&back);
 		gd_image_free(&im);
 	}
@@ -491,10 +518,12 @@ static void extra_attributes(exr_context_t ctx, int part)
 	make_ok(exr_attr_set_float_vector(ctx, part, "list", 3, list));
 	make_ok(exr_attr_set_preview(ctx, part, "preview", &preview));
 	make_ok(exr_attr_set_double(ctx, part, "dbl", 1e300));
-	make_ok(exr_attr_set_int(ctx, part, "an attribute whose name is longer than thirty-one bytes", -5));
+	make_ok(exr_attr_set_int(ctx, part,
+				 "an attribute whose name is longer than thirty-one bytes", -5));
 }
 
-static const struct gd_attr *need_attr(const struct gd_image *im, const char *name, const char *type, size_t size)
+static const struct gd_attr *need_attr(const struct gd_image *im, const char *name,
+				       const char *type, size_t size)
 {
 	const struct gd_attr *a = gd_attr_find(im, name);
 
@@ -507,8 +536,9 @@ static const struct gd_attr *need_attr(const struct gd_image *im, const char *na
 /* Attributes come through two generations as they are, but for those that describe the file. */
 static void test_attributes(void **state)
 {
-	static const char *const gone[] = { "tiles", "chunkCount", "name", "type", "channels", "dataWindow",
-					    "displayWindow", "compression", "lineOrder" };
+	static const char *const gone[] = {"tiles",	    "chunkCount",  "name",
+					   "type",	    "channels",	   "dataWindow",
+					   "displayWindow", "compression", "lineOrder"};
 	struct make_part p[2] = { plain(), plain() };
 	struct gd_err err = { 0 };
 	struct gd_image im, back;
@@ -521,7 +551,8 @@ static void test_attributes(void **state)
 	p[1].name = "second";
 	make_exr("attr.exr", p, 2, false);
 	read_ok(&im, "attr.exr", 0, GD_PASS);
-	assert_memory_equal(need_attr(&im, "deepImageState", "myType", 7)->data, "\0\1\2\377\n\0\7", 7);
+	assert_memory_equal(need_attr(&im, "deepImageState", "myType", 7)->data, "\0\1\2\377\n\0\7",
+			    7);
 	assert_int_equal(gd_attr_set(&im, "empty", "myEmpty", NULL, 0, &err), GD_OK);
 	need_attr(&im, "chromaticities", "chromaticities", 32);
 	assert_memory_equal(need_attr(&im, "owner", "string", 12)->data, "line\nline \xc3\xa9", 12);
@@ -539,7 +570,8 @@ static void test_attributes(void **state)
 	assert_int_equal(back.nattr, im.nattr);
 	for (int i = 0; i < im.nattr; i++) {
 		const struct gd_attr *a = &im.attr[i];
-		assert_memory_equal(need_attr(&back, a->name, a->type, a->size)->data, a->data, a->size);
+		assert_memory_equal(need_attr(&back, a->name, a->type, a->size)->data, a->data,
+				    a->size);
 	}
 	gd_image_free(&im);
 	gd_image_free(&back);
@@ -595,6 +627,58 @@ static void test_stdin_file(void **state)
 	close(keep);
 }
 
+#ifdef __SANITIZE_ADDRESS__
+#define MEMORY_SLACK	8	/* the sanitizer keeps what is freed */
+#else
+#define MEMORY_SLACK	1
+#endif
+
+static long child_kib(const char *path, enum gd_want want)
+{
+	struct rusage use;
+	int status;
+	pid_t child = fork();
+
+	if (child == 0) {
+		struct gd_err err = { 0 };
+		struct gd_image im = { 0 };
+		omp_set_num_threads(1);	/* the pool of threads is not there after fork */
+		_exit(read_piped(&im, path, want, &err) != GD_OK);
+	}
+	assert_int_equal(wait4(child, &status, 0, &use), child);
+	assert_int_equal(status, 0);
+	return use.ru_maxrss;
+}
+
+/* Decoding a pipe takes the memory of the pixels, not that of the file as well. */
+static void test_pipe_memory(void **state)
+{
+	enum { W = 1000, H = 1000, N = 12 };	/* 48 MB that RLE cannot shrink */
+	struct gd_err err = { 0 };
+	struct gd_image im;
+	uint32_t *v = malloc((size_t)W * H * sizeof(*v));
+
+	(void)state;
+	gd_image_init(&im, W, H);
+	for (int c = 0; c < N; c++) {
+		for (int i = 0; i < W * H; i++)
+			v[i] = make_hash((uint32_t)(i + c * W * H));
+		add_raw(&im, (char[2]){ (char)('a' + c), 0 }, GD_UINT, v);
+	}
+	free(v);
+	for (int k = GD_NONE; k <= GD_RLE; k++) {
+		struct gd_write_conf conf = { (enum gd_compression)k };
+		assert_int_equal(gd_exr_write(&im, k ? "rle.exr" : "raw.exr", &conf, &err), GD_OK);
+	}
+	gd_image_free(&im);
+	seed_file("small.exr", EXR_COMPRESSION_NONE, false);
+	for (int k = 0; k < 2; k++) {
+		long all = child_kib(k ? "rle.exr" : "raw.exr", GD_PASS);
+		long nothing = child_kib("small.exr", GD_PASS);
+		assert_true(all - nothing < (W * H * N * 4 / 1024 + 12000) * MEMORY_SLACK);
+	}
+}
+
 /* An endless pipe of something else is refused at its first bytes. */
 static void test_endless(void **state)
 {
@@ -618,6 +702,7 @@ int main(void)
 		cmocka_unit_test(test_constant),     cmocka_unit_test(test_without_plugin),
 		cmocka_unit_test(test_attributes),   cmocka_unit_test(test_large_header),
 		cmocka_unit_test(test_stdin_file),   cmocka_unit_test(test_endless),
+		cmocka_unit_test(test_pipe_memory),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);

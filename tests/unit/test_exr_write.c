@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Writing: what comes back is what went in, for every thread count, and failures leave nothing behind. */
+/*
+ * Writing: what comes back is what went in, for every thread count, and failures leave nothing
+ * behind.
+ */
 #include "exr_make.h"
 
 #include <omp.h>
@@ -30,13 +33,15 @@ static void random_image(struct gd_image *im, int w, int h, uint32_t seed)
 	static const struct {
 		const char *name;
 		enum gd_type type;
-	} list[] = { { "crypto00.R", GD_FLOAT }, { "objectId", GD_UINT }, { "N.X", GD_HALF }, { "A", GD_HALF } };
+	} list[] = {
+		{"crypto00.R", GD_FLOAT}, {"objectId", GD_UINT}, {"N.X", GD_HALF}, {"A", GD_HALF}};
 	uint32_t *v = malloc((size_t)w * (size_t)h * sizeof(*v));
 
 	gd_image_init(im, w, h);
 	for (size_t c = 0; c < 4; c++) {
 		for (int i = 0; i < w * h; i++)
-			v[i] = make_hash(seed + (uint32_t)c * 1000003u + (uint32_t)(i % 5 ? i : i / 64));
+			v[i] = make_hash(seed + (uint32_t)c * 1000003u +
+					 (uint32_t)(i % 5 ? i : i / 64));
 		add_raw(im, list[c].name, list[c].type, v);
 	}
 	free(v);
@@ -53,7 +58,8 @@ static void assert_same_image(const struct gd_image *a, const struct gd_image *b
 		assert_true(i >= 0);
 		assert_int_equal(a->chan[c].type, b->chan[i].type);
 		assert_memory_equal(a->chan[c].raw, b->chan[i].raw,
-				    (size_t)a->w * (size_t)a->h * (a->chan[c].type == GD_HALF ? 2u : 4u));
+				    (size_t)a->w * (size_t)a->h *
+					    (a->chan[c].type == GD_HALF ? 2u : 4u));
 	}
 }
 
@@ -122,9 +128,10 @@ static uint32_t version_of(const char *path)
 
 static void test_names(void **state)
 {
-	static const char *const name[] = { "ViewLayer.Denoising Albedo.R",
-					    "ViewLayer.a layer with spaces, and more than thirty-one bytes.G",
-					    "", "\xc3\xa9t\xc3\xa9.B" };
+	static const char *const name[] = {
+		"ViewLayer.Denoising Albedo.R",
+		"ViewLayer.a layer with spaces, and more than thirty-one bytes.G", "",
+		"\xc3\xa9t\xc3\xa9.B"};
 	char longest[258];
 	struct gd_image im, back;
 	struct gd_err err = { 0 };
@@ -175,8 +182,9 @@ static void test_many_channels(void **state)
 }
 
 /*
- * A deflated chunk that happens to be exactly as long as the raw one: the library's writer stores it
- * deflated, and every reader takes it as it is. Rows that compress by a hair (noise after some zeros) are where that happens.
+ * A deflated chunk that happens to be exactly as long as the raw one: the library's writer stores
+ * it deflated, and every reader takes it as it is. Rows that compress by a hair (noise after some
+ * zeros) are where that happens.
  */
 static void test_equal_size(void **state)
 {
@@ -277,7 +285,8 @@ static void test_output_is_input(void **state)
 	gd_image_free(&im);
 }
 
-static void expect_failure(const struct gd_image *im, const char *path, enum gd_compression k, const char *text)
+static void expect_failure(const struct gd_image *im, const char *path, enum gd_compression k,
+			   const char *text)
 {
 	struct gd_write_conf conf = { k };
 	struct gd_err err = { 0 };
@@ -323,8 +332,10 @@ static void test_bad_paths(void **state)
 	random_image(&im, 128, 128, 9);
 	int before = count_files();
 	for (int k = GD_NONE; k <= GD_ZIP; k += GD_ZIP) {
-		expect_failure(&im, "/dev/full", (enum gd_compression)k, "/dev/full: No space left on device");
-		expect_failure(&im, "no/such/a.exr", (enum gd_compression)k, "no/such/a.exr: No such file or directory");
+		expect_failure(&im, "/dev/full", (enum gd_compression)k,
+			       "/dev/full: No space left on device");
+		expect_failure(&im, "no/such/a.exr", (enum gd_compression)k,
+			       "no/such/a.exr: No such file or directory");
 		expect_failure(&im, ".", (enum gd_compression)k, ".: Is a directory");
 		write_ok(&im, "/dev/null", (enum gd_compression)k);
 	}
