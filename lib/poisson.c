@@ -16,7 +16,9 @@
  * image hang on edges whose pull is lost in it. */
 #define FLOAT_TOLERANCE 3e-6
 #define FLOAT_SPAN 1e-6
-#define L1_STEP 0.02	/* relative residual of each reweighted system: the next one has other weights anyway */
+#define L1_STEP 0.05	/* relative residual of each reweighted system: the next one has other weights anyway */
+#define L1_FIRST 0.05	/* regularisation of the weights, of the typical brightness */
+#define L1_LAST 5e-3
 
 struct solver {
 	struct gd_field field;
@@ -219,8 +221,9 @@ static int linear(struct solver *s, const struct gd_plane *out, struct gd_err *e
 /*
  * Iteratively reweighted least squares: the screened solution first, then every row (an edge or a primal pixel,
  * its residual's norm over the channels) weighs 1 over its last residual. The regularisation of that
- * division falls by half each time, from 5 % of the typical brightness to 1e-4 of it: beyond that float
- * would see weights and no residuals. Each system starts from the last solution.
+ * division falls by half each time, from 5 % of the typical brightness to 0.5 % of it: of residuals below
+ * that nothing is seen in the image, and giving them ever more weight makes it worse. Each system starts
+ * from the last solution.
  */
 static int reweighted(struct solver *s, const struct gd_plane *out, const struct gd_report *report)
 {
@@ -229,7 +232,7 @@ static int reweighted(struct solver *s, const struct gd_plane *out, const struct
 	gd_field_screen(&s->field, l, false, s->conf->alpha * s->conf->alpha);
 	for (int i = 0; i < s->conf->reweight; i++) {
 		if (i > 0)
-			reweight(s, s->level * fmax(0.05 * pow(0.5, i - 1), 1e-4));
+			reweight(s, s->level * fmax(L1_FIRST * pow(0.5, i - 1), L1_LAST));
 		gd_mg_setup(s->mg);
 		s->result.residual = 0;
 		solve_once(s, &s->field, fmax(s->conf->tolerance, L1_STEP));
