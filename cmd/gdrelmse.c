@@ -18,8 +18,8 @@ enum windows { SAME, OVERLAP, IGNORE };
 enum format { TEXT, TSV, JSON };
 
 struct options {
-	const char *reference, *form, *layer, *reference_layer, *windows, *crop, *mask, *format, *output;
-	const char *error, *heatmap;
+	const char *reference, *form, *layer, *reference_layer, *windows, *crop, *mask;
+	const char *error, *heatmap, *format, *output;
 	struct gd_relmse_conf conf;
 	double max, heatmap_max;
 	int block;
@@ -55,14 +55,16 @@ struct job {
 	char channel[GD_LAYER_PLANES][32];	/* names of their columns */
 };
 
-static int choose(const char *what, const char *text, const char *const names[], int *value, struct gd_err *err)
+static int choose(const char *what, const char *text, const char *const names[], int *value,
+		  struct gd_err *err)
 {
 	for (int i = 0; names[i]; i++)
 		if (!strcmp(text, names[i])) {
 			*value = i;
 			return GD_OK;
 		}
-	return gd_fail(err, GD_EARG, "--%s: \"%s\" is none of %s, %s, %s", what, text, names[0], names[1], names[2]);
+	return gd_fail(err, GD_EARG, "--%s: \"%s\" is none of %s, %s, %s", what, text, names[0],
+		       names[1], names[2]);
 }
 
 static int check_options(struct options *opt, struct gd_err *err)
@@ -72,7 +74,9 @@ static int check_options(struct options *opt, struct gd_err *err)
 	int rule = 0, format = 0, rc;
 
 	if (!gd_relmse_form_find(opt->form, &opt->conf.form))
-		return gd_fail(err, GD_EARG, "--form: \"%s\" is none of r2+eps, (r+eps)2, lum, mean, half", opt->form);
+		return gd_fail(err, GD_EARG,
+			       "--form: \"%s\" is none of r2+eps, (r+eps)2, lum, mean, half",
+			       opt->form);
 	rc = choose("windows", opt->windows, rules, &rule, err);
 	if (rc == GD_OK)
 		rc = choose("format", opt->format, formats, &format, err);
@@ -92,7 +96,8 @@ static const char *shown(const char *path)
 	return strcmp(path, "-") ? path : "standard input";
 }
 
-static int open_source(struct job *job, struct gd_exr **file, struct source *s, const char *path, struct gd_err *err)
+static int open_source(struct job *job, struct gd_exr **file, struct source *s, const char *path,
+		       struct gd_err *err)
 {
 	int rc = gd_cli_open(&job->cli, file, &s->im, path, err);
 
@@ -139,14 +144,16 @@ static int load_reference(struct job *job, const char *path, struct gd_err *err)
 	rc = gd_cli_load(&job->cli, file, &s->im, err);
 	if (rc != GD_OK)
 		return rc;
-	s->n = s->halves ? gd_layer_planes(&s->im, half[0], s->a) : gd_layer_planes(&s->im, layer, s->v);
+	s->n = s->halves ? gd_layer_planes(&s->im, half[0], s->a) :
+			   gd_layer_planes(&s->im, layer, s->v);
 	if (s->halves)
 		gd_layer_planes(&s->im, half[1], s->b);
 	return GD_OK;
 }
 
 /* FILE or FILE:channel; the channel defaults to mask, Y, R, or the only one. */
-static int mask_channel(const struct gd_image *im, const char *path, const char *channel, int *i, struct gd_err *err)
+static int mask_channel(const struct gd_image *im, const char *path, const char *channel, int *i,
+			struct gd_err *err)
 {
 	static const char *const usual[] = { "mask", "Y", "R" };
 
@@ -156,7 +163,8 @@ static int mask_channel(const struct gd_image *im, const char *path, const char 
 	if (*i < 0 && !channel && im->nchan == 1)
 		*i = 0;
 	if (*i < 0)
-		return gd_fail(err, GD_ESHAPE, "%s: no channel %s for the mask", path, channel ? channel : "mask, Y or R");
+		return gd_fail(err, GD_ESHAPE, "%s: no channel %s for the mask", path,
+			       channel ? channel : "mask, Y or R");
 	return GD_OK;
 }
 
@@ -190,8 +198,9 @@ static int load_mask(struct job *job, struct gd_err *err)
 }
 
 /* The pixels of u and v that are compared, each in its own rows and columns. */
-static int match_windows(struct gd_box *u_box, struct gd_box *v_box, const struct gd_image *u, const struct gd_image *v,
-			 enum windows rule, const char *name, struct gd_err *err)
+static int match_windows(struct gd_box *u_box, struct gd_box *v_box, const struct gd_image *u,
+			 const struct gd_image *v, enum windows rule, const char *name,
+			 struct gd_err *err)
 {
 	struct gd_box p = u->data, q = v->data;
 	int x0 = p.x0 > q.x0 ? p.x0 : q.x0, x1 = p.x1 < q.x1 ? p.x1 : q.x1;
@@ -200,23 +209,27 @@ static int match_windows(struct gd_box *u_box, struct gd_box *v_box, const struc
 
 	if (rule == OVERLAP) {
 		if (x1 < x0 || y1 < y0)
-			return gd_fail(err, GD_ESHAPE, "%s: its data window and the reference's do not overlap", name);
+			return gd_fail(err, GD_ESHAPE,
+				       "%s: its data window and the reference's do not overlap",
+				       name);
 		*u_box = (struct gd_box){ x0 - p.x0, y0 - p.y0, x1 - p.x0, y1 - p.y0 };
 		*v_box = (struct gd_box){ x0 - q.x0, y0 - q.y0, x1 - q.x0, y1 - q.y0 };
 		return GD_OK;
 	}
 	if (u->w != v->w || u->h != v->h)
-		return gd_fail(err, GD_ESHAPE, "%s is %dx%d, the reference %dx%d", name, u->w, u->h, v->w, v->h);
+		return gd_fail(err, GD_ESHAPE, "%s is %dx%d, the reference %dx%d", name, u->w, u->h,
+			       v->w, v->h);
 	if (rule == SAME && moved)
-		return gd_fail(err, GD_ESHAPE, "%s: its data window begins at (%d, %d), the reference's at (%d, %d); see --windows",
-			       name, p.x0, p.y0, q.x0, q.y0);
+		return gd_fail(err, GD_ESHAPE, "%s: its data window begins at (%d, %d), the "
+			       "reference's at (%d, %d); see --windows", name, p.x0, p.y0, q.x0, q.y0);
 	*u_box = *v_box = (struct gd_box){ 0, 0, u->w - 1, u->h - 1 };
 	return GD_OK;
 }
 
 static struct gd_box inside(struct gd_box outer, struct gd_box inner)
 {
-	return (struct gd_box){ outer.x0 + inner.x0, outer.y0 + inner.y0, outer.x0 + inner.x1, outer.y0 + inner.y1 };
+	return (struct gd_box){ outer.x0 + inner.x0, outer.y0 + inner.y0, outer.x0 + inner.x1,
+				outer.y0 + inner.y1 };
 }
 
 static void crop_all(struct gd_plane *out, const struct gd_plane *p, int n, struct gd_box box)
@@ -226,8 +239,8 @@ static void crop_all(struct gd_plane *out, const struct gd_plane *p, int n, stru
 }
 
 /* What is compared of image s and the reference, after windows, crop and mask. */
-static int line_up(struct gd_relmse_in *in, struct gd_plane *est, const struct job *job, const struct source *s,
-		   const char *name, struct gd_err *err)
+static int line_up(struct gd_relmse_in *in, struct gd_plane *est, const struct job *job,
+		   const struct source *s, const char *name, struct gd_err *err)
 {
 	const struct source *ref = &job->ref;
 	struct gd_box u, v, part, m;
@@ -238,8 +251,8 @@ static int line_up(struct gd_relmse_in *in, struct gd_plane *est, const struct j
 	if (rc != GD_OK)
 		return rc;
 	if (job->masked && (job->mask.im.w != ref->im.w || job->mask.im.h != ref->im.h))
-		return gd_fail(err, GD_ESHAPE, "mask %s is %dx%d, the reference %dx%d", job->opt.mask, job->mask.im.w,
-			       job->mask.im.h, ref->im.w, ref->im.h);
+		return gd_fail(err, GD_ESHAPE, "mask %s is %dx%d, the reference %dx%d",
+			       job->opt.mask, job->mask.im.w, job->mask.im.h, ref->im.w, ref->im.h);
 	u = inside(u, part);
 	m = v = inside(v, part);
 	*in = (struct gd_relmse_in){ .n = s->n, .halves = ref->halves };
@@ -271,11 +284,13 @@ static int load_image(struct job *job, struct source *s, const char *path, struc
 	if (!n)
 		rc = no_layer(path, opt->layer, err);
 	else if (n != job->ref.n)
-		rc = gd_fail(err, GD_ESHAPE, "%s: %d channels, the reference has %d", shown(path), n, job->ref.n);
+		rc = gd_fail(err, GD_ESHAPE, "%s: %d channels, the reference has %d", shown(path),
+			     n, job->ref.n);
 	else if (opt->rank && !ne)
 		rc = no_layer(path, opt->error, err);
 	else if (opt->rank && ne != n)
-		rc = gd_fail(err, GD_ESHAPE, "%s: layer %s has %d channels, expected %d", shown(path), opt->error, ne, n);
+		rc = gd_fail(err, GD_ESHAPE, "%s: layer %s has %d channels, expected %d",
+			     shown(path), opt->error, ne, n);
 	if (rc != GD_OK) {
 		gd_exr_close(file);
 		return rc;
@@ -294,12 +309,14 @@ static double sum_seconds(const struct gd_image *im)
 	double sum = NAN, one;
 
 	for (int i = 0; i < im->nattr; i++)
-		if (!strncmp(im->attr[i].name, "gd:seconds.", 11) && gd_attr_number(im, im->attr[i].name, &one))
+		if (!strncmp(im->attr[i].name, "gd:seconds.", 11) &&
+		    gd_attr_number(im, im->attr[i].name, &one))
 			sum = isnan(sum) ? one : sum + one;
 	return sum;
 }
 
-static int draw(struct gd_picture *pic, const struct job *job, const struct gd_relmse_in *in, struct gd_err *err)
+static int draw(struct gd_picture *pic, const struct job *job, const struct gd_relmse_in *in,
+		struct gd_err *err)
 {
 	const int w = in->x[0].w, h = in->x[0].h;
 	struct gd_show_conf conf = { .as = GD_SHOW_SCALAR };
@@ -350,8 +367,8 @@ static void warn(struct job *job)
 {
 	for (int i = 0; i < job->nresult; i++)
 		if (job->result[i].m.nonfinite)
-			gd_cli_warn(&job->cli, "%s: %zu pixels with NaN or Inf, counted as 0", shown(job->result[i].name),
-				    job->result[i].m.nonfinite);
+			gd_cli_warn(&job->cli, "%s: %zu pixels with NaN or Inf, counted as 0",
+				    shown(job->result[i].name), job->result[i].m.nonfinite);
 	if (job->nresult && job->result[0].m.nonfinite_reference)
 		gd_cli_warn(&job->cli, "the reference has NaN or Inf in %zu pixels, left out",
 			    job->result[0].m.nonfinite_reference);
@@ -364,14 +381,16 @@ static const char *channel_suffix(const struct job *job, int c)
 	return dot ? dot + 1 : name;
 }
 
-static void add(struct gd_table *t, const char *name, const char *heading, struct gd_row *row, double value)
+static void add(struct gd_table *t, const char *name, const char *heading, struct gd_row *row,
+		double value)
 {
 	t->column[t->ncolumn] = (struct gd_column){ name, heading };
 	row->value[t->ncolumn++] = value;
 }
 
 /* The columns of the table and the values of one row. */
-static void fill_row(struct gd_table *t, struct gd_row *row, struct job *job, const struct result *r)
+static void fill_row(struct gd_table *t, struct gd_row *row, struct job *job,
+		     const struct result *r)
 {
 	const struct gd_relmse *m = &r->m;
 	double bias = m->mean - m->reference;
@@ -380,7 +399,8 @@ static void fill_row(struct gd_table *t, struct gd_row *row, struct job *job, co
 	row->name = r->name;
 	add(t, "relmse", "relMSE", row, m->relmse);
 	for (int c = 0; job->opt.channels && c < job->ref.n; c++) {
-		snprintf(job->channel[c], sizeof(job->channel[c]), "relmse.%.20s", channel_suffix(job, c));
+		snprintf(job->channel[c], sizeof(job->channel[c]), "relmse.%.20s",
+			 channel_suffix(job, c));
 		add(t, job->channel[c], job->channel[c], row, m->channel[c]);
 	}
 	add(t, "trimmed", "trimmed", row, m->trimmed);
@@ -389,7 +409,8 @@ static void fill_row(struct gd_table *t, struct gd_row *row, struct job *job, co
 	add(t, "mape", "MAPE", row, m->mape);
 	add(t, "smape", "SMAPE", row, m->smape);
 	add(t, "bias", NULL, row, bias);
-	add(t, "bias_percent", "bias%", row, m->reference != 0 ? 100 * bias / m->reference : (double)NAN);
+	add(t, "bias_percent", "bias%", row,
+	    m->reference != 0 ? 100 * bias / m->reference : (double)NAN);
 	add(t, "p50", "p50", row, m->p50);
 	add(t, "p95", "p95", row, m->p95);
 	add(t, "p99", "p99", row, m->p99);
@@ -412,17 +433,20 @@ static void print_head(FILE *out, const struct job *job)
 	const struct gd_relmse *m = &job->result[0].m;
 
 	fprintf(out, "relMSE: mean of %s, eps = %g, over %d channel%s of %zu pixels\n",
-		gd_relmse_formula(opt->conf.form, job->ref.halves), opt->conf.eps, job->ref.n, job->ref.n > 1 ? "s" : "",
-		m->pixels);
+		gd_relmse_formula(opt->conf.form, job->ref.halves), opt->conf.eps, job->ref.n,
+		job->ref.n > 1 ? "s" : "", m->pixels);
 	if (job->ref.halves)
 		fputs("x: image; a, b: the reference's two halves; r: their mean.\n"
-		      "relMSE, trimmed, MSE, p50 .. max are free of the reference's own noise; MAPE and SMAPE are not.\n", out);
+		      "relMSE, trimmed, MSE, p50 .. max are free of the reference's own noise; "
+		      "MAPE and SMAPE are not.\n",
+		      out);
 	else
 		fputs("x: image; r: reference, whose own noise counts as error.\n", out);
-	fprintf(out, "trimmed: without the %zu pixels of largest error (%g %%).\n", m->ntrimmed, 100 * opt->conf.trim);
+	fprintf(out, "trimmed: without the %zu pixels of largest error (%g %%).\n", m->ntrimmed,
+		100 * opt->conf.trim);
 	if (opt->rank)
-		fprintf(out, "rank: Spearman's correlation of %s with the true squared error over %zu blocks of %dx%d.\n",
-			opt->error, job->result[0].rank.blocks, opt->block, opt->block);
+		fprintf(out, "rank: Spearman's correlation of %s with the true squared error over "
+			"%zu blocks of %dx%d.\n", opt->error, job->result[0].rank.blocks, opt->block, opt->block);
 	fputc('\n', out);
 }
 
@@ -488,7 +512,8 @@ static int write_heatmaps(struct job *job, struct gd_err *err)
 		const char *base = strrchr(job->result[i].name, '/');
 
 		pic[i] = job->result[i].heatmap;
-		snprintf(text[i], sizeof(text[i]), "%.4g %s", job->result[i].m.relmse, base ? base + 1 : job->result[i].name);
+		snprintf(text[i], sizeof(text[i]), "%.4g %s", job->result[i].m.relmse,
+			 base ? base + 1 : job->result[i].name);
 		label[i] = text[i];
 	}
 	if (rc == GD_OK)
@@ -550,30 +575,50 @@ static int run(struct job *job, struct gd_err *err)
 
 int main(int argc, char **argv)
 {
-	struct job job = { .opt = { .form = "r2+eps", .layer = "colour", .windows = "same", .format = "text",
-				    .output = "-", .error = "error", .conf = GD_RELMSE_DEFAULTS, .max = INFINITY,
-				    .heatmap_max = 0.5, .block = 8 } };
+	struct job job = { .opt = { .form = "r2+eps",
+				    .layer = "colour",
+				    .windows = "same",
+				    .format = "text",
+				    .output = "-",
+				    .error = "error",
+				    .conf = GD_RELMSE_DEFAULTS,
+				    .max = INFINITY,
+				    .heatmap_max = 0.5,
+				    .block = 8 } };
 	struct options *opt = &job.opt;
 	const struct gd_opt opts[] = {
 		GD_OPT('o', "output", "FILE", &opt->output, "write the table to FILE"),
 		GD_OPT(0, "format", "FORMAT", &opt->format, "text, tsv or json"),
-		GD_OPT('r', "reference", "FILE", &opt->reference, "the reference; then every operand is an image"),
-		GD_NUM(0, "eps", "VALUE", &opt->conf.eps, 1e-12, 1e6, "what keeps the divisor from 0"),
+		GD_OPT('r', "reference", "FILE", &opt->reference,
+		       "the reference; then every operand is an image"),
+		GD_NUM(0, "eps", "VALUE", &opt->conf.eps, 1e-12, 1e6,
+		       "what keeps the divisor from 0"),
 		GD_OPT(0, "form", "FORM", &opt->form, "r2+eps, (r+eps)2, lum, mean or half"),
-		GD_NUM(0, "trim", "SHARE", &opt->conf.trim, 0, 0.5, "share of the pixels that the trimmed mean drops"),
-		GD_FLAG(0, "plain", &opt->plain, "compare with the reference itself even if it carries halves"),
+		GD_NUM(0, "trim", "SHARE", &opt->conf.trim, 0, 0.5,
+		       "share of the pixels that the trimmed mean drops"),
+		GD_FLAG(0, "plain", &opt->plain,
+			"compare with the reference itself even if it carries halves"),
 		GD_OPT('l', "layer", "LAYER", &opt->layer, "layer of the images to compare"),
-		GD_OPT(0, "reference-layer", "LAYER", &opt->reference_layer, "layer of the reference (that of --layer)"),
+		GD_OPT(0, "reference-layer", "LAYER", &opt->reference_layer,
+		       "layer of the reference (that of --layer)"),
 		GD_FLAG(0, "channels", &opt->channels, "relMSE of each channel too"),
-		GD_OPT(0, "crop", "X0,X1,Y0,Y1", &opt->crop, "compare these pixels only; X1 or Y1 below 0 is a size"),
-		GD_OPT(0, "mask", "FILE[:CHANNEL]", &opt->mask, "compare pixels only where the mask is 0.5 or more"),
-		GD_OPT(0, "windows", "RULE", &opt->windows, "data windows that differ: same, overlap or ignore"),
-		GD_FLAG(0, "rank", &opt->rank, "does the error layer tell where the error is? rank correlation"),
+		GD_OPT(0, "crop", "X0,X1,Y0,Y1", &opt->crop,
+		       "compare these pixels only; X1 or Y1 below 0 is a size"),
+		GD_OPT(0, "mask", "FILE[:CHANNEL]", &opt->mask,
+		       "compare pixels only where the mask is 0.5 or more"),
+		GD_OPT(0, "windows", "RULE", &opt->windows,
+		       "data windows that differ: same, overlap or ignore"),
+		GD_FLAG(0, "rank", &opt->rank,
+			"does the error layer tell where the error is? rank correlation"),
 		GD_OPT(0, "error", "LAYER", &opt->error, "the layer that --rank looks at"),
-		GD_NUM(0, "block", "SIDE", &opt->block, 1, 4096, "side of the blocks of --rank, pixels"),
-		GD_NUM(0, "max", "VALUE", &opt->max, -1e300, 1e300, "exit with 1 if a relMSE is above VALUE"),
-		GD_OPT(0, "heatmap", "FILE.png", &opt->heatmap, "pictures of the relative error of each pixel"),
-		GD_NUM(0, "heatmap-max", "VALUE", &opt->heatmap_max, 1e-6, 1e6, "relative error at the bright end"),
+		GD_NUM(0, "block", "SIDE", &opt->block, 1, 4096,
+		       "side of the blocks of --rank, pixels"),
+		GD_NUM(0, "max", "VALUE", &opt->max, -1e300, 1e300,
+		       "exit with 1 if a relMSE is above VALUE"),
+		GD_OPT(0, "heatmap", "FILE.png", &opt->heatmap,
+		       "pictures of the relative error of each pixel"),
+		GD_NUM(0, "heatmap-max", "VALUE", &opt->heatmap_max, 1e-6, 1e6,
+		       "relative error at the bright end"),
 		GD_OPT_END
 	};
 	const struct gd_cmd cmd = { .name = "gdrelmse", .operands = "image.exr... reference.exr",

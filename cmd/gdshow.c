@@ -42,8 +42,10 @@ static int check_range(struct job *job, struct gd_err *err)
 
 	if (!job->opt.range)
 		return GD_OK;
-	if (sscanf(job->opt.range, "%f,%f%n", &lo, &hi, &end) != 2 || end < 0 || job->opt.range[end] || !(hi > lo))
-		return gd_fail(err, GD_EARG, "--range: \"%s\" is not LO,HI with LO below HI", job->opt.range);
+	if (sscanf(job->opt.range, "%f,%f%n", &lo, &hi, &end) != 2 || end < 0 ||
+	    job->opt.range[end] || !(hi > lo))
+		return gd_fail(err, GD_EARG, "--range: \"%s\" is not LO,HI with LO below HI",
+			       job->opt.range);
 	for (int i = 0; i < job->nlayer; i++) {
 		job->range[i].lo = lo;
 		job->range[i].hi = hi;
@@ -58,11 +60,13 @@ static int check_options(struct job *job, struct gd_err *err)
 	int scale = 0;
 
 	if (!gd_show_as_find(opt->as, &job->as))
-		return gd_fail(err, GD_EARG, "--as: \"%s\" is none of auto, colour, scalar, signed, normal, position", opt->as);
+		return gd_fail(err, GD_EARG, "--as: \"%s\" is none of auto, colour, scalar, signed, "
+			       "normal, position", opt->as);
 	while (scale < 4 && strcmp(opt->scale, scales[scale]))
 		scale++;
 	if (scale == 4)
-		return gd_fail(err, GD_EARG, "--scale: \"%s\" is none of auto, linear, sqrt, log", opt->scale);
+		return gd_fail(err, GD_EARG, "--scale: \"%s\" is none of auto, linear, sqrt, log",
+			       opt->scale);
 	job->scale = scale == 3 ? -1 : scale;
 	if (opt->bits != 8 && opt->bits != 16)
 		return gd_fail(err, GD_EARG, "--bits: %d is neither 8 nor 16", opt->bits);
@@ -147,7 +151,8 @@ static int load(struct job *job, struct gd_image *im, const char *path, struct g
 		const char *layer = layer_of(im, job->layer[i]);
 
 		if (!gd_layer_want(im, layer, GD_READ))
-			rc = gd_fail(err, GD_ESHAPE, "%s: no channel %s%s", shown(path), *layer ? layer : "R",
+			rc = gd_fail(err, GD_ESHAPE, "%s: no channel %s%s", shown(path),
+				     *layer ? layer : "R",
 				     *layer ? " (nor .R .G .B, .X .Y .Z of it)" : "");
 	}
 	if (rc == GD_OK)
@@ -161,35 +166,39 @@ static enum gd_show_scale scale_of(const struct job *job, const char *layer)
 {
 	bool square = gd_show_guess(layer, 3) == GD_SHOW_SCALAR;
 
-	return job->scale >= 0 ? (enum gd_show_scale)job->scale : square ? GD_SHOW_SQRT : GD_SHOW_LINEAR;
+	if (job->scale >= 0)
+		return (enum gd_show_scale)job->scale;
+	return square ? GD_SHOW_SQRT : GD_SHOW_LINEAR;
 }
 
 /* The first image sets the range of a layer for all, so that one colour means one value. */
-static int choose_range(struct job *job, int l, const struct gd_plane *v, int n, const struct gd_show_conf *conf,
-			struct gd_err *err)
+static int choose_range(struct job *job, int l, const struct gd_plane *v, int n,
+			const struct gd_show_conf *conf, struct gd_err *err)
 {
 	struct gd_show_range *r = &job->range[l];
-	const char *origin = job->opt.range ? "--range" : "1st to 99th percentile of the first image";
+	const char *origin = job->opt.range ? "--range" : "percentiles of the first image";
+	static const char *const names[] = { "linear", "square-root", "logarithmic" };
 	int rc = GD_OK;
 
 	if (r->lo == r->hi)
 		rc = gd_show_range(r, v, n, conf->as, scale_of(job, job->layer[l]), err);
 	r->scale = scale_of(job, job->layer[l]);
 	if (rc == GD_OK)
-		gd_note(&job->cli.report, "layer %s: %s, %g to %g (%s), %s scale", *job->layer[l] ? job->layer[l] : "colour",
-			gd_show_as_name(conf->as), (double)r->lo, (double)r->hi, origin,
-			r->scale == GD_SHOW_LOG ? "logarithmic" : r->scale == GD_SHOW_SQRT ? "square-root" : "linear");
+		gd_note(&job->cli.report, "layer %s: %s, %g to %g (%s), %s scale",
+			*job->layer[l] ? job->layer[l] : "colour", gd_show_as_name(conf->as),
+			(double)r->lo, (double)r->hi, origin, names[r->scale]);
 	return rc;
 }
 
-static int draw(struct job *job, struct gd_picture *pic, const struct gd_image *im, int l, const char *path,
-		struct gd_err *err)
+static int draw(struct job *job, struct gd_picture *pic, const struct gd_image *im, int l,
+		const char *path, struct gd_err *err)
 {
 	struct gd_plane v[GD_LAYER_PLANES];
 	const char *layer = layer_of(im, job->layer[l]);
 	int n = gd_layer_planes(im, layer, v);
-	struct gd_show_conf conf = { .as = job->as == GD_SHOW_AUTO ? gd_show_guess(layer, n) : job->as,
-				     .exposure = job->opt.exposure, .display = job->opt.display,
+	struct gd_show_conf conf = { .as = job->as ? job->as : gd_show_guess(layer, n),
+				     .exposure = job->opt.exposure,
+				     .display = job->opt.display,
 				     .view = job->opt.view };
 	bool coloured = conf.as == GD_SHOW_SCALAR || conf.as == GD_SHOW_SIGNED;
 	struct gd_box box;
@@ -204,8 +213,8 @@ static int draw(struct job *job, struct gd_picture *pic, const struct gd_image *
 	if (rc == GD_OK)
 		rc = gd_show(pic, &nan, v, n, &conf, err);
 	if (rc == GD_OK && nan)
-		gd_cli_warn(&job->cli, "%s: %zu pixels with NaN in %s, shown in magenta", shown(path), nan,
-			    *layer ? layer : "the colour");
+		gd_cli_warn(&job->cli, "%s: %zu pixels with NaN in %s, shown in magenta",
+			    shown(path), nan, *layer ? layer : "the colour");
 	if (rc == GD_OK && job->opt.zoom > 1)
 		rc = gd_picture_zoom(pic, job->opt.zoom, err);
 	if (rc == GD_OK && coloured && job->opt.legend)
@@ -213,7 +222,7 @@ static int draw(struct job *job, struct gd_picture *pic, const struct gd_image *
 	return rc;
 }
 
-/* What tells the operand from the others: its base name, and if another one has the same, its folder too. */
+/* What tells an operand from the others: its base name, if another has the same its folder too. */
 static const char *short_name(const struct job *job, const char *path)
 {
 	const char *base = strrchr(path, '/'), *dir;
@@ -296,29 +305,47 @@ static int run(struct job *job, struct gd_err *err)
 
 int main(int argc, char **argv)
 {
-	struct job job = { .opt = { .output = "-", .layers = "colour", .as = "auto", .scale = "auto", .zoom = 1, .bits = 8 } };
+	struct job job = { .opt = { .output = "-",
+				    .layers = "colour",
+				    .as = "auto",
+				    .scale = "auto",
+				    .zoom = 1,
+				    .bits = 8 } };
 	struct options *opt = &job.opt;
 	const struct gd_opt opts[] = {
-		GD_OPT('o', "output", "FILE.png", &opt->output, "write the picture to FILE.png; - is standard output"),
-		GD_OPT('l', "layer", "LAYER,...", &opt->layers, "layer to show; several with --sheet"),
-		GD_OPT(0, "as", "KIND", &opt->as, "auto, colour, scalar, signed, normal or position"),
-		GD_NUM('e', "exposure", "STOPS", &opt->exposure, -64, 64, "brighten colour by STOPS powers of two"),
+		GD_OPT('o', "output", "FILE.png", &opt->output,
+		       "write the picture to FILE.png; - is standard output"),
+		GD_OPT('l', "layer", "LAYER,...", &opt->layers,
+		       "layer to show; several with --sheet"),
+		GD_OPT(0, "as", "KIND", &opt->as,
+		       "auto, colour, scalar, signed, normal or position"),
+		GD_NUM('e', "exposure", "STOPS", &opt->exposure, -64, 64,
+		       "brighten colour by STOPS powers of two"),
 		GD_OPT(0, "display", "NAME", &opt->display, "OpenColorIO display"),
 		GD_OPT(0, "view", "NAME", &opt->view, "OpenColorIO view"),
-		GD_OPT(0, "range", "LO,HI", &opt->range, "values at the ends of the false colours (1st and 99th percentile)"),
-		GD_OPT(0, "scale", "SCALE", &opt->scale, "of false colours: auto, linear, sqrt or log"),
+		GD_OPT(0, "range", "LO,HI", &opt->range,
+		       "values at the ends of the false colours (1st and 99th percentile)"),
+		GD_OPT(0, "scale", "SCALE", &opt->scale,
+		       "of false colours: auto, linear, sqrt or log"),
 		GD_FLAG(0, "legend", &opt->legend, "a bar of the false colours below the picture"),
 		GD_FLAG(0, "sheet", &opt->sheet, "all images and layers on one sheet, with labels"),
-		GD_OPT(0, "labels", "A,B,...", &opt->labels, "labels of the sheet instead of names"),
-		GD_NUM(0, "columns", "N", &opt->columns, 0, 1000, "pictures in a row of the sheet; 0: as many as images"),
-		GD_OPT(0, "crop", "X0,X1,Y0,Y1", &opt->crop, "show these pixels only; X1 or Y1 below 0 is a size"),
+		GD_OPT(0, "labels", "A,B,...", &opt->labels,
+		       "labels of the sheet instead of names"),
+		GD_NUM(0, "columns", "N", &opt->columns, 0, 1000,
+		       "pictures in a row of the sheet; 0: as many as images"),
+		GD_OPT(0, "crop", "X0,X1,Y0,Y1", &opt->crop,
+		       "show these pixels only; X1 or Y1 below 0 is a size"),
 		GD_NUM(0, "zoom", "N", &opt->zoom, 1, 64, "show each pixel as N x N"),
 		GD_NUM(0, "bits", "N", &opt->bits, 8, 16, "bits of a PNG channel, 8 or 16"),
-		GD_NUM(0, "part", "N", &job.cli.part, 0, 1e6, "read part N of a multi-part file, from 0"),
+		GD_NUM(0, "part", "N", &job.cli.part, 0, 1e6,
+		       "read part N of a multi-part file, from 0"),
 		GD_OPT_END
 	};
-	const struct gd_cmd cmd = { .name = "gdshow", .operands = "[input.exr [output.png]] | --sheet image.exr...",
-				    .summary = "show layers as PNG", .opts = opts, .min_operands = 0,
+	const struct gd_cmd cmd = { .name = "gdshow",
+				    .operands = "[input.exr [output.png]] | --sheet image.exr...",
+				    .summary = "show layers as PNG",
+				    .opts = opts,
+				    .min_operands = 0,
 				    .max_operands = -1 };
 	struct gd_err err = { 0 };
 	int rc;

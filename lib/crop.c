@@ -11,7 +11,8 @@ int gd_crop_parse(struct gd_box *box, const char *text, int w, int h, struct gd_
 	*box = (struct gd_box){ 0, 0, w - 1, h - 1 };
 	if (!text)
 		return GD_OK;
-	if (sscanf(text, "%9lld,%9lld,%9lld,%9lld%n", &x0, &x1, &y0, &y1, &end) != 4 || end < 0 || text[end])
+	if (sscanf(text, "%9lld,%9lld,%9lld,%9lld%n", &x0, &x1, &y0, &y1, &end) != 4 || end < 0 ||
+	    text[end])
 		return gd_fail(err, GD_EARG, "crop \"%s\" is not X0,X1,Y0,Y1", text);
 	if (x1 < 0)
 		x1 = x0 - x1;
@@ -20,7 +21,8 @@ int gd_crop_parse(struct gd_box *box, const char *text, int w, int h, struct gd_
 	if (x1 <= x0 || y1 <= y0)
 		return gd_fail(err, GD_EARG, "crop \"%s\" is empty", text);
 	if (x0 < 0 || y0 < 0 || x1 > w || y1 > h)
-		return gd_fail(err, GD_ESHAPE, "crop \"%s\" is not inside the %dx%d pixels", text, w, h);
+		return gd_fail(err, GD_ESHAPE, "crop \"%s\" is not inside the %dx%d pixels", text,
+			       w, h);
 	*box = (struct gd_box){ (int)x0, (int)y0, (int)x1 - 1, (int)y1 - 1 };
 	return GD_OK;
 }

@@ -8,7 +8,7 @@
 #define GD_FONT_WIDTH 6		/* pixels from one letter to the next, the gap included */
 #define GD_FONT_HEIGHT 9	/* two of them below the base line */
 
-/* Is pixel (x, y) of a letter inked? x 0 .. 5, y 0 .. 8. What is not printable ASCII shows as '?'. */
+/* Is pixel (x, y) of a letter inked? x 0 .. 5, y 0 .. 8. What else comes shows as '?'. */
 bool gd_font_pixel(char letter, int x, int y);
 
 #endif

@@ -98,8 +98,8 @@ static const struct gd_shim *load(struct gd_err *err)
 	if (!shim && found.code)
 		gd_fail(err, found.code, "%s", found.text);
 	else if (!shim)
-		gd_fail(err, GD_EIO, "needs the OpenImageIO plug-in, and %s is not %s%s", PLUGIN, path && *path ? "in " :
-			"installed", path && *path ? path : "");
+		gd_fail(err, GD_EIO, "needs the OpenImageIO plug-in, and %s is not %s%s", PLUGIN,
+			path && *path ? "in " : "installed", path && *path ? path : "");
 	return shim;
 }
 
@@ -113,9 +113,11 @@ static int check_size(const struct gd_shim_info *f, const char *path, struct gd_
 {
 	double w = (double)f->x1 - f->x0 + 1, h = (double)f->y1 - f->y0 + 1;
 
-	if (!(w >= 1 && h >= 1 && w <= GD_MAX_SIDE && h <= GD_MAX_SIDE) || w * h * 4 * f->nchan > (double)GD_MAX_BYTES)
-		return gd_fail(err, GD_ENOMEM, "%s: %g x %g pixels of %d channels are beyond the limits", path, w, h,
-			       f->nchan);
+	if (!(w >= 1 && h >= 1 && w <= GD_MAX_SIDE && h <= GD_MAX_SIDE) ||
+	    w * h * 4 * f->nchan > (double)GD_MAX_BYTES)
+		return gd_fail(err, GD_ENOMEM,
+			       "%s: %g x %g pixels of %d channels are beyond the limits", path, w,
+			       h, f->nchan);
 	return GD_OK;
 }
 
@@ -138,7 +140,8 @@ static int fill_channels(struct gd_image *im, const struct gd_plugin_file *file,
 	return GD_OK;
 }
 
-static int fill_attributes(struct gd_image *im, const struct gd_plugin_file *file, struct gd_err *err)
+static int fill_attributes(struct gd_image *im, const struct gd_plugin_file *file,
+			   struct gd_err *err)
 {
 	int rc = GD_OK;
 
@@ -171,8 +174,8 @@ static int fill(struct gd_image *im, const struct gd_plugin_file *file, struct g
 	return rc == GD_OK ? fill_attributes(im, file, err) : rc;
 }
 
-int gd_plugin_open(struct gd_plugin_file **file, struct gd_image *im, const char *path, const void *data,
-		   size_t size, int part, struct gd_err *err)
+int gd_plugin_open(struct gd_plugin_file **file, struct gd_image *im, const char *path,
+		   const void *data, size_t size, int part, struct gd_err *err)
 {
 	const struct gd_shim *shim = load(err);
 	struct gd_plugin_file *f;
@@ -209,8 +212,8 @@ static int find_channel(const struct gd_plugin_file *f, const char *name, int *t
 	return -1;
 }
 
-static int copy_channel(struct gd_channel *c, const struct gd_image *im, const struct gd_plugin_file *f,
-			struct gd_err *err)
+static int copy_channel(struct gd_channel *c, const struct gd_image *im,
+			const struct gd_plugin_file *f, struct gd_err *err)
 {
 	static const size_t bytes[] = { [GD_UINT] = 4, [GD_HALF] = 2, [GD_FLOAT] = 4 };
 	size_t stride = gd_stride(im->w);
@@ -225,7 +228,8 @@ static int copy_channel(struct gd_channel *c, const struct gd_image *im, const s
 		return f->shim->copy(f->file, i, 1, c->v, stride * sizeof(float), err);
 	}
 	if ((int)c->type != type)
-		return gd_fail(err, GD_EFORMAT, "%s: channel %s changes its type", f->path, c->name);
+		return gd_fail(err, GD_EFORMAT, "%s: channel %s changes its type", f->path,
+			       c->name);
 	c->raw = gd_alloc((size_t)im->h, (size_t)im->w * bytes[type]);
 	if (!c->raw)
 		return gd_fail(err, GD_ENOMEM, "%s: out of memory", f->path);
@@ -269,8 +273,8 @@ void gd_plugin_close(struct gd_plugin_file *file)
 	free(file);
 }
 
-int gd_plugin_png(unsigned char **png, size_t *size, const void *pixel, int w, int h, int n, int bits,
-		  struct gd_err *err)
+int gd_plugin_png(unsigned char **png, size_t *size, const void *pixel, int w, int h, int n,
+		  int bits, struct gd_err *err)
 {
 	const struct gd_shim *shim;
 
@@ -281,7 +285,8 @@ int gd_plugin_png(unsigned char **png, size_t *size, const void *pixel, int w, i
 	return shim ? shim->png(png, size, pixel, w, h, n, bits, err) : GD_EIO;
 }
 
-int gd_plugin_display(float *rgb, size_t n, const char *display, const char *view, struct gd_err *err)
+int gd_plugin_display(float *rgb, size_t n, const char *display, const char *view,
+		      struct gd_err *err)
 {
 	const struct gd_shim *shim = load(err);
 

@@ -11,12 +11,14 @@ static const struct form {
 	const char *name, *plain, *halves;
 } forms[GD_REL_FORMS] = {
 	[GD_REL_R2_EPS] = { "r2+eps", "(x - r)^2 / (r^2 + eps)", "(x - a)(x - b) / (r^2 + eps)" },
-	[GD_REL_R_EPS_2] = { "(r+eps)2", "(x - r)^2 / (|r| + eps)^2", "(x - a)(x - b) / (|r| + eps)^2" },
+	[GD_REL_R_EPS_2] = { "(r+eps)2", "(x - r)^2 / (|r| + eps)^2",
+			     "(x - a)(x - b) / (|r| + eps)^2" },
 	[GD_REL_LUM] = { "lum", "(x - r)^2 / (Y(r)^2 + eps), Y = 0.2126 R + 0.7152 G + 0.0722 B",
 			 "(x - a)(x - b) / (Y(r)^2 + eps), Y = 0.2126 R + 0.7152 G + 0.0722 B" },
 	[GD_REL_MEAN] = { "mean", "(x - r)^2 / (m(r)^2 + eps), m = mean over channels",
 			  "(x - a)(x - b) / (m(r)^2 + eps), m = mean over channels" },
-	[GD_REL_HALF] = { "half", "0.5 (x - r)^2 / (r^2 + eps)", "0.5 (x - a)(x - b) / (r^2 + eps)" },
+	[GD_REL_HALF] = { "half", "0.5 (x - r)^2 / (r^2 + eps)",
+			  "0.5 (x - a)(x - b) / (r^2 + eps)" },
 };
 
 const char *gd_relmse_form_name(enum gd_relmse_form form)
@@ -43,7 +45,8 @@ const char *gd_relmse_formula(enum gd_relmse_form form, bool halves)
 struct rows {
 	int n;
 	bool halves;
-	const float *x[GD_LAYER_PLANES], *r[GD_LAYER_PLANES], *a[GD_LAYER_PLANES], *b[GD_LAYER_PLANES];
+	const float *x[GD_LAYER_PLANES], *r[GD_LAYER_PLANES];
+	const float *a[GD_LAYER_PLANES], *b[GD_LAYER_PLANES];
 	const float *mask;
 };
 
@@ -130,7 +133,8 @@ struct sums {
 	size_t pixels, nonfinite, nonfinite_reference;
 };
 
-static double add_pixel(struct sums *s, const struct pixel *p, int n, const struct gd_relmse_conf *conf)
+static double add_pixel(struct sums *s, const struct pixel *p, int n,
+			const struct gd_relmse_conf *conf)
 {
 	double g = grey(p, n, conf->form), e = 0;
 
@@ -154,7 +158,8 @@ static double add_pixel(struct sums *s, const struct pixel *p, int n, const stru
 	return e;
 }
 
-static void sum_row(struct sums *s, double *e, const struct rows *at, int w, const struct gd_relmse_conf *conf)
+static void sum_row(struct sums *s, double *e, const struct rows *at, int w,
+		    const struct gd_relmse_conf *conf)
 {
 	struct pixel p;
 
@@ -184,11 +189,12 @@ static void add_sums(struct sums *to, const struct sums *s)
 }
 
 /*
- * Percentiles and trimmed mean of the n values in v (reordered). The trimmed sum runs over e in pixel
- * order, so that it does not depend on how v was reordered; of values equal to the bound, as many are
- * kept as the count asks for.
+ * Percentiles and trimmed mean of the n values in v (reordered). The trimmed sum runs over e in
+ * pixel order, so that it does not depend on how v was reordered; of values equal to the bound, as
+ * many are kept as the count asks for.
  */
-static void order_statistics(struct gd_relmse *res, double *v, size_t n, const double *e, size_t ne, double trim)
+static void order_statistics(struct gd_relmse *res, double *v, size_t n, const double *e, size_t ne,
+			     double trim)
 {
 	size_t keep = n - (size_t)(trim * (double)n), below = 0;
 	double bound, sum = 0;
@@ -216,7 +222,8 @@ static bool same_size(struct gd_plane p, struct gd_plane q)
 static int check(const struct gd_relmse_in *in, struct gd_err *err)
 {
 	if (in->n < 1 || in->n > GD_LAYER_PLANES)
-		return gd_fail(err, GD_ESHAPE, "relmse: %d channels, need 1 to %d", in->n, GD_LAYER_PLANES);
+		return gd_fail(err, GD_ESHAPE, "relmse: %d channels, need 1 to %d", in->n,
+			       GD_LAYER_PLANES);
 	for (int c = 0; c < in->n; c++) {
 		struct gd_plane x = in->x[c];
 		bool fits = x.v && same_size(x, in->x[0]);
@@ -226,11 +233,12 @@ static int check(const struct gd_relmse_in *in, struct gd_err *err)
 		else
 			fits = fits && same_size(in->r[c], x);
 		if (!fits)
-			return gd_fail(err, GD_ESHAPE, "relmse: channel %d: image and reference differ in size", c);
+			return gd_fail(err, GD_ESHAPE,
+				       "relmse: channel %d: image and reference differ in size", c);
 	}
 	if (in->mask.v && !same_size(in->mask, in->x[0]))
-		return gd_fail(err, GD_ESHAPE, "relmse: the mask is %dx%d, the image %dx%d", in->mask.w, in->mask.h,
-			       in->x[0].w, in->x[0].h);
+		return gd_fail(err, GD_ESHAPE, "relmse: the mask is %dx%d, the image %dx%d",
+			       in->mask.w, in->mask.h, in->x[0].w, in->x[0].h);
 	return GD_OK;
 }
 
@@ -239,7 +247,8 @@ static int check_conf(const struct gd_relmse_conf *conf, struct gd_err *err)
 	if (!(conf->eps > 0 && isfinite(conf->eps)))
 		return gd_fail(err, GD_EARG, "relmse: eps is %g, need more than 0", conf->eps);
 	if (!(conf->trim >= 0 && conf->trim <= 0.5))
-		return gd_fail(err, GD_EARG, "relmse: trims a share of %g, need 0 to 0.5", conf->trim);
+		return gd_fail(err, GD_EARG, "relmse: trims a share of %g, need 0 to 0.5",
+			       conf->trim);
 	if (conf->form >= GD_REL_FORMS)
 		return gd_fail(err, GD_EARG, "relmse: no form %d", (int)conf->form);
 	return GD_OK;
@@ -264,8 +273,9 @@ static void fill_means(struct gd_relmse *res, const struct sums *s, int n)
 }
 
 /* e: h x w, overwritten; v: work space of the same size. */
-static int measure(struct gd_relmse *res, double *e, double *v, struct sums *row, const struct gd_relmse_in *in,
-		   const struct gd_relmse_conf *conf, struct gd_err *err)
+static int measure(struct gd_relmse *res, double *e, double *v, struct sums *row,
+		   const struct gd_relmse_in *in, const struct gd_relmse_conf *conf,
+		   struct gd_err *err)
 {
 	const int w = in->x[0].w, h = in->x[0].h;
 	struct sums total = { 0 };
@@ -280,7 +290,8 @@ static int measure(struct gd_relmse *res, double *e, double *v, struct sums *row
 	for (int y = 0; y < h; y++)
 		add_sums(&total, &row[y]);
 	if (!total.pixels)
-		return gd_fail(err, GD_ENUMERIC, "relmse: no pixel to compare (%zu without a finite reference)",
+		return gd_fail(err, GD_ENUMERIC,
+			       "relmse: no pixel to compare (%zu without a finite reference)",
 			       total.nonfinite_reference);
 	for (size_t i = 0; i < ne; i++)
 		if (!isnan(e[i]))
@@ -328,15 +339,16 @@ static float relative_error(const struct pixel *p, int n, const struct gd_relmse
 	return (float)sqrt(sum / n);
 }
 
-int gd_relmse_map(struct gd_plane map, const struct gd_relmse_in *in, const struct gd_relmse_conf *conf,
-		  struct gd_err *err)
+int gd_relmse_map(struct gd_plane map, const struct gd_relmse_in *in,
+		  const struct gd_relmse_conf *conf, struct gd_err *err)
 {
 	int rc = check_conf(conf, err);
 
 	if (rc == GD_OK)
 		rc = check(in, err);
 	if (rc == GD_OK && !same_size(map, in->x[0]))
-		rc = gd_fail(err, GD_ESHAPE, "relmse: the map is %dx%d, the image %dx%d", map.w, map.h, in->x[0].w, in->x[0].h);
+		rc = gd_fail(err, GD_ESHAPE, "relmse: the map is %dx%d, the image %dx%d", map.w,
+			     map.h, in->x[0].w, in->x[0].h);
 	if (rc != GD_OK)
 		return rc;
 #pragma omp parallel for schedule(static)
@@ -362,7 +374,8 @@ static int by_value(const void *p, const void *q)
 {
 	const struct ranked *a = p, *b = q;
 
-	return a->value != b->value ? (a->value > b->value) - (a->value < b->value) : (a->i > b->i) - (a->i < b->i);
+	return a->value != b->value ? (a->value > b->value) - (a->value < b->value) :
+				      (a->i > b->i) - (a->i < b->i);
 }
 
 static int by_index(const void *p, const void *q)
@@ -405,8 +418,8 @@ static double correlate(const struct ranked *u, const struct ranked *v, size_t n
 }
 
 /* Mean squared error and mean estimate of the block at (x0, y0); false if no pixel counts. */
-static bool block_means(double *truth, double *guess, const struct gd_relmse_in *in, const struct gd_plane *est,
-			int x0, int y0, int side)
+static bool block_means(double *truth, double *guess, const struct gd_relmse_in *in,
+			const struct gd_plane *est, int x0, int y0, int side)
 {
 	double t = 0, g = 0;
 	size_t n = 0;
@@ -443,8 +456,8 @@ static size_t rank_blocks(struct ranked *truth, struct ranked *guess, const stru
 	return n;
 }
 
-int gd_relmse_rank(struct gd_relmse_rank *res, const struct gd_relmse_in *in, const struct gd_plane *est,
-		   int side, struct gd_err *err)
+int gd_relmse_rank(struct gd_relmse_rank *res, const struct gd_relmse_in *in,
+		   const struct gd_plane *est, int side, struct gd_err *err)
 {
 	struct ranked *truth = NULL, *guess = NULL;
 	double t = 0, g = 0;
@@ -458,7 +471,9 @@ int gd_relmse_rank(struct gd_relmse_rank *res, const struct gd_relmse_in *in, co
 		return gd_fail(err, GD_EARG, "relmse: blocks of side %d, need 1 or more", side);
 	for (int c = 0; c < in->n; c++)
 		if (!same_size(est[c], in->x[0]))
-			return gd_fail(err, GD_ESHAPE, "relmse: channel %d of the estimated error has another size", c);
+			return gd_fail(err, GD_ESHAPE,
+				       "relmse: channel %d of the estimated error has another size",
+				       c);
 	most = (size_t)((in->x[0].w - 1) / side + 1) * (size_t)((in->x[0].h - 1) / side + 1);
 	truth = gd_calloc(most, sizeof(*truth));
 	guess = gd_calloc(most, sizeof(*guess));

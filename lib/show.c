@@ -109,7 +109,8 @@ static float clamp_float(double v)
 	return v > 3e38 ? 3e38f : v < -3e38 ? -3e38f : (float)v;
 }
 
-static int find_range(struct gd_show_range *range, const struct gd_plane *v, int n, bool symmetric, struct gd_err *err)
+static int find_range(struct gd_show_range *range, const struct gd_plane *v, int n, bool symmetric,
+		      struct gd_err *err)
 {
 	size_t pixels = (size_t)v[0].w * (size_t)v[0].h, found;
 	double *value = gd_alloc(pixels, sizeof(*value)), lo = 0, hi = 1;
@@ -141,14 +142,15 @@ int gd_show_range(struct gd_show_range *range, const struct gd_plane *v, int n, 
 
 /* sRGB-encoded control points, evenly spaced, with straight lines between them. */
 static const float dark_to_bright[][3] = {
-	{ 0.001f, 0.000f, 0.014f }, { 0.078f, 0.054f, 0.211f }, { 0.232f, 0.059f, 0.437f }, { 0.390f, 0.100f, 0.502f },
-	{ 0.550f, 0.161f, 0.506f }, { 0.716f, 0.215f, 0.475f }, { 0.869f, 0.288f, 0.409f }, { 0.967f, 0.440f, 0.360f },
-	{ 0.995f, 0.624f, 0.427f }, { 0.996f, 0.813f, 0.573f }, { 0.987f, 0.991f, 0.750f },
+	{ 0.001f, 0.000f, 0.014f }, { 0.078f, 0.054f, 0.211f }, { 0.232f, 0.059f, 0.437f },
+	{ 0.390f, 0.100f, 0.502f }, { 0.550f, 0.161f, 0.506f }, { 0.716f, 0.215f, 0.475f },
+	{ 0.869f, 0.288f, 0.409f }, { 0.967f, 0.440f, 0.360f }, { 0.995f, 0.624f, 0.427f },
+	{ 0.996f, 0.813f, 0.573f }, { 0.987f, 0.991f, 0.750f },
 };
 static const float blue_to_red[][3] = {
-	{ 0.020f, 0.188f, 0.380f }, { 0.130f, 0.400f, 0.675f }, { 0.410f, 0.680f, 0.830f }, { 0.780f, 0.875f, 0.930f },
-	{ 0.970f, 0.970f, 0.970f }, { 0.985f, 0.830f, 0.740f }, { 0.930f, 0.560f, 0.450f }, { 0.760f, 0.160f, 0.200f },
-	{ 0.404f, 0.000f, 0.122f },
+	{ 0.020f, 0.188f, 0.380f }, { 0.130f, 0.400f, 0.675f }, { 0.410f, 0.680f, 0.830f },
+	{ 0.780f, 0.875f, 0.930f }, { 0.970f, 0.970f, 0.970f }, { 0.985f, 0.830f, 0.740f },
+	{ 0.930f, 0.560f, 0.450f }, { 0.760f, 0.160f, 0.200f }, { 0.404f, 0.000f, 0.122f },
 };
 
 static void interpolate(float rgb[3], const float point[][3], int n, float t)
@@ -177,10 +179,13 @@ static double place(double v, const struct gd_show_range *r)
 	return r->scale == GD_SHOW_SQRT ? sqrt(v) : v;
 }
 
-/* -1 .. 1, 0 in the middle; the end of larger magnitude counts on both sides. A logarithm has 3 decades. */
+/*
+ * -1 .. 1, 0 in the middle; the end of larger magnitude counts on both sides. A logarithm has 3
+ * decades.
+ */
 static double place_signed(double v, const struct gd_show_range *r)
 {
-	double end = fabs((double)r->lo) > fabs((double)r->hi) ? fabs((double)r->lo) : fabs((double)r->hi);
+	double end = fmax(fabs((double)r->lo), fabs((double)r->hi));
 	double t = clamp01(fabs(v) / end);
 
 	if (r->scale == GD_SHOW_SQRT)
@@ -196,7 +201,8 @@ static void false_colour(float rgb[3], double v, const struct gd_show_conf *conf
 		interpolate(rgb, blue_to_red, (int)(sizeof(blue_to_red) / sizeof(*blue_to_red)),
 			    (float)(0.5 + 0.5 * place_signed(v, &conf->range)));
 	else
-		interpolate(rgb, dark_to_bright, (int)(sizeof(dark_to_bright) / sizeof(*dark_to_bright)),
+		interpolate(rgb, dark_to_bright,
+			    (int)(sizeof(dark_to_bright) / sizeof(*dark_to_bright)),
 			    (float)place(v, &conf->range));
 }
 
@@ -211,7 +217,8 @@ void gd_picture_free(struct gd_picture *pic)
 static int picture_init(struct gd_picture *pic, long long w, long long h, struct gd_err *err)
 {
 	if (w < 1 || h < 1 || w > 65536 || h > 65536)
-		return gd_fail(err, GD_ESHAPE, "a picture of %lldx%lld pixels is beyond 65536x65536", w, h);
+		return gd_fail(err, GD_ESHAPE,
+			       "a picture of %lldx%lld pixels is beyond 65536x65536", w, h);
 	pic->rgb = gd_calloc((size_t)w * (size_t)h, 3 * sizeof(float));
 	if (!pic->rgb)
 		return gd_fail(err, GD_ENOMEM, "out of memory (a picture of %lldx%lld)", w, h);
@@ -225,7 +232,8 @@ static float *pixel(const struct gd_picture *pic, int x, int y)
 	return pic->rgb + 3 * ((size_t)y * (size_t)pic->w + (size_t)x);
 }
 
-static void show_false(struct gd_picture *pic, const struct gd_plane *v, int n, const struct gd_show_conf *conf)
+static void show_false(struct gd_picture *pic, const struct gd_plane *v, int n,
+		       const struct gd_show_conf *conf)
 {
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < pic->h; y++)
@@ -237,12 +245,13 @@ static void show_false(struct gd_picture *pic, const struct gd_plane *v, int n, 
 }
 
 /* Each channel over its own range: -1 .. 1 for normals, its percentiles for positions. */
-static int show_channels(struct gd_picture *pic, const struct gd_plane *v, const struct gd_show_conf *conf,
-			 struct gd_err *err)
+static int show_channels(struct gd_picture *pic, const struct gd_plane *v,
+			 const struct gd_show_conf *conf, struct gd_err *err)
 {
 	for (int c = 0; c < 3; c++) {
 		struct gd_show_range r = { -1, 1, GD_SHOW_LINEAR };
-		int rc = conf->as == GD_SHOW_POSITION ? find_range(&r, &v[c], 1, false, err) : GD_OK;
+		int rc =
+			conf->as == GD_SHOW_POSITION ? find_range(&r, &v[c], 1, false, err) : GD_OK;
 
 		if (rc != GD_OK)
 			return rc;
@@ -254,8 +263,8 @@ static int show_channels(struct gd_picture *pic, const struct gd_plane *v, const
 	return GD_OK;
 }
 
-static int show_colour(struct gd_picture *pic, const struct gd_plane *v, int n, const struct gd_show_conf *conf,
-		       struct gd_err *err)
+static int show_colour(struct gd_picture *pic, const struct gd_plane *v, int n,
+		       const struct gd_show_conf *conf, struct gd_err *err)
 {
 	const double gain = exp2(conf->exposure);
 
@@ -265,9 +274,13 @@ static int show_colour(struct gd_picture *pic, const struct gd_plane *v, int n, 
 			for (int c = 0; c < 3; c++) {
 				double t = gd_row(v[n < 3 ? 0 : c], y)[x] * gain;
 
-				pixel(pic, x, y)[c] = isnan(t) ? 0 : (float)(t > 1e30 ? 1e30 : t < -1e30 ? -1e30 : t);
+				pixel(pic, x, y)[c] = isnan(t) ? 0 :
+								 (float)(t > 1e30  ? 1e30 :
+									 t < -1e30 ? -1e30 :
+										     t);
 			}
-	return gd_plugin_display(pic->rgb, (size_t)pic->w * (size_t)pic->h, conf->display, conf->view, err);
+	return gd_plugin_display(pic->rgb, (size_t)pic->w * (size_t)pic->h, conf->display,
+				 conf->view, err);
 }
 
 /* Pure magenta, which none of the maps has. */
@@ -282,22 +295,24 @@ static size_t mark_nan(struct gd_picture *pic, const struct gd_plane *v, int n)
 			for (int c = 0; c < n; c++)
 				bad = bad || isnan(gd_row(v[c], y)[x]);
 			if (bad) {
-				memcpy(pixel(pic, x, y), (const float[3]){ 1, 0, 1 }, 3 * sizeof(float));
+				memcpy(pixel(pic, x, y), (const float[3]){ 1, 0, 1 },
+				       3 * sizeof(float));
 				count++;
 			}
 		}
 	return count;
 }
 
-int gd_show(struct gd_picture *pic, size_t *nan, const struct gd_plane *v, int n, const struct gd_show_conf *conf,
-	    struct gd_err *err)
+int gd_show(struct gd_picture *pic, size_t *nan, const struct gd_plane *v, int n,
+	    const struct gd_show_conf *conf, struct gd_err *err)
 {
 	bool channels = conf->as == GD_SHOW_NORMAL || conf->as == GD_SHOW_POSITION;
 	size_t marked;
 	int rc;
 
 	if (n < 1 || (channels && n < 3))
-		return gd_fail(err, GD_ESHAPE, "%d channels cannot be shown as %s", n, as_names[conf->as]);
+		return gd_fail(err, GD_ESHAPE, "%d channels cannot be shown as %s", n,
+			       as_names[conf->as]);
 	n = n < 3 ? 1 : 3;
 	rc = picture_init(pic, v[0].w, v[0].h, err);
 	if (rc != GD_OK)
@@ -328,7 +343,8 @@ int gd_picture_zoom(struct gd_picture *pic, int factor, struct gd_err *err)
 		return rc;
 	for (int y = 0; y < out.h; y++)
 		for (int x = 0; x < out.w; x++)
-			memcpy(pixel(&out, x, y), pixel(pic, x / factor, y / factor), 3 * sizeof(float));
+			memcpy(pixel(&out, x, y), pixel(pic, x / factor, y / factor),
+			       3 * sizeof(float));
 	gd_picture_free(pic);
 	*pic = out;
 	return GD_OK;
@@ -360,7 +376,8 @@ int gd_picture_write(const struct gd_picture *pic, const char *path, int bits, s
 		return gd_fail(err, GD_EARG, "PNG of %d bits, need 8 or 16", bits);
 	pixels = gd_alloc(n, (size_t)bits / 8);
 	if (!pixels)
-		return gd_fail(err, GD_ENOMEM, "out of memory (a picture of %dx%d)", pic->w, pic->h);
+		return gd_fail(err, GD_ENOMEM, "out of memory (a picture of %dx%d)", pic->w,
+			       pic->h);
 	quantise(pixels, pic->rgb, n, bits);
 	rc = gd_plugin_png(&png, &size, pixels, pic->w, pic->h, 3, bits, err);
 	free(pixels);
@@ -423,15 +440,18 @@ int gd_picture_legend(struct gd_picture *pic, const struct gd_show_conf *conf, s
 		double t = out.w > 1 ? (double)x / (out.w - 1) : 0;
 		struct gd_show_conf even = *conf;
 
-		even.range = (struct gd_show_range){ conf->as == GD_SHOW_SIGNED ? -1 : 0, 1, GD_SHOW_LINEAR };
+		even.range = (struct gd_show_range){ conf->as == GD_SHOW_SIGNED ? -1 : 0, 1,
+						     GD_SHOW_LINEAR };
 		for (int y = 0; y < bar; y++)
-			false_colour(pixel(&out, x, pic->h + y), conf->as == GD_SHOW_SIGNED ? 2 * t - 1 : t, &even);
+			false_colour(pixel(&out, x, pic->h + y),
+				     conf->as == GD_SHOW_SIGNED ? 2 * t - 1 : t, &even);
 	}
 	snprintf(lo, sizeof(lo), "%.3g%s", (double)r->lo, scale_notes[r->scale]);
 	snprintf(hi, sizeof(hi), "%.3g", (double)r->hi);
 	gd_picture_text(&out, size, pic->h + bar + 2 * size, size, lo);
 	if ((int)(strlen(lo) + strlen(hi) + 1) * GD_FONT_WIDTH * size < out.w)
-		gd_picture_text(&out, out.w - (int)strlen(hi) * GD_FONT_WIDTH * size, pic->h + bar + 2 * size, size, hi);
+		gd_picture_text(&out, out.w - (int)strlen(hi) * GD_FONT_WIDTH * size,
+				pic->h + bar + 2 * size, size, hi);
 	gd_picture_free(pic);
 	*pic = out;
 	return GD_OK;
@@ -454,8 +474,8 @@ static void cut(char *to, size_t size, const char *text, int room)
 	}
 }
 
-int gd_picture_sheet(struct gd_picture *sheet, const struct gd_picture *pic, const char *const *label, int n,
-		     int columns, struct gd_err *err)
+int gd_picture_sheet(struct gd_picture *sheet, const struct gd_picture *pic,
+		     const char *const *label, int n, int columns, struct gd_err *err)
 {
 	int w = 1, h = 1, rows, size, strip = 0, gap;
 	char text[512];
@@ -474,15 +494,18 @@ int gd_picture_sheet(struct gd_picture *sheet, const struct gd_picture *pic, con
 	for (int i = 0; label && i < n; i++)
 		if (label[i] && *label[i])
 			strip = (GD_FONT_HEIGHT + 3) * size;
-	rc = picture_init(sheet, (long long)columns * (w + gap) + gap, (long long)rows * (h + strip + gap) + gap, err);
+	rc = picture_init(sheet, (long long)columns * (w + gap) + gap,
+			  (long long)rows * (h + strip + gap) + gap, err);
 	if (rc != GD_OK)
 		return rc;
 	fill(sheet, 0, 0, sheet->w, sheet->h, paper);
 	for (int i = 0; i < n; i++) {
-		int x = gap + (i % columns) * (w + gap), y = gap + (i / columns) * (h + strip + gap);
+		int x = gap + (i % columns) * (w + gap),
+		    y = gap + (i / columns) * (h + strip + gap);
 
 		paste(sheet, x, y, &pic[i]);
-		cut(text, sizeof(text), label && label[i] ? label[i] : "", w / (GD_FONT_WIDTH * size));
+		cut(text, sizeof(text), label && label[i] ? label[i] : "",
+		    w / (GD_FONT_WIDTH * size));
 		gd_picture_text(sheet, x, y + h + 2 * size, size, text);
 	}
 	return GD_OK;

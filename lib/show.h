@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Pictures of layers: what a display shows, false colours, and sheets of several pictures with labels. */
+/* Pictures of layers: what a display shows, false colours, sheets of several with labels. */
 #ifndef GD_SHOW_H
 #define GD_SHOW_H
 
@@ -8,7 +8,7 @@
 #include "gd.h"
 #include "plane.h"
 
-/* w x h pixels of interleaved RGB, each as a display shows it (0 .. 1, sRGB-encoded). { 0 } is empty. */
+/* w x h pixels of interleaved RGB, as a display shows it (0 .. 1, encoded). { 0 } is empty. */
 struct gd_picture {
 	int w, h;
 	float *rgb;
@@ -18,7 +18,7 @@ void gd_picture_free(struct gd_picture *pic);
 
 /* How a layer is shown. */
 enum gd_show_as {
-	GD_SHOW_AUTO,		/* by the layer's name: gd_show_guess() */
+	GD_SHOW_AUTO = 0,	/* by the layer's name: gd_show_guess() */
 	GD_SHOW_COLOUR,		/* radiance through exposure and display transform */
 	GD_SHOW_SCALAR,		/* mean over channels in false colours, dark to bright */
 	GD_SHOW_SIGNED,		/* mean over channels: blue below 0, white, red above */
@@ -28,9 +28,9 @@ enum gd_show_as {
 };
 const char *gd_show_as_name(enum gd_show_as as);	/* "auto", "colour", "scalar", ... */
 bool gd_show_as_find(const char *name, enum gd_show_as *as);
-/* What layer of n channels is by the convention of gd-buffers(5): n = 1 is a scalar, except dx.R and its
- * like, which are signed; dx and dy are signed; N and normal, normals; P and position, positions; variances
- * and errors, scalars; the rest, colour. */
+/* What layer of n channels is by the convention of gd-buffers(5): n = 1 is a scalar, except dx.R
+ * and its like, which are signed; dx and dy are signed; N and normal, normals; P and position,
+ * positions; variances and errors, scalars; the rest, colour. */
 enum gd_show_as gd_show_guess(const char *layer, int n);
 
 /* What is between a value and its place in the false colours. */
@@ -42,9 +42,10 @@ struct gd_show_range {
 };
 
 /*
- * The default range of n planes shown as "as" (scalar, signed, position): the 1st to the 99th percentile of
- * the finite values of their mean; signed: -m .. m, m the 99th percentile of |mean|; a logarithmic scale begins
- * at the smallest of them above 0, at most 6 decades below its end. Never empty: hi > lo.
+ * The default range of n planes shown as "as" (scalar, signed, position): the 1st to the 99th
+ * percentile of the finite values of their mean; signed: -m .. m, m the 99th percentile of |mean|;
+ * a logarithmic scale begins at the smallest of them above 0, at most 6 decades below its end.
+ * Never empty: hi > lo.
  */
 int gd_show_range(struct gd_show_range *range, const struct gd_plane *v, int n, enum gd_show_as as,
 		  enum gd_show_scale scale, struct gd_err *err);
@@ -57,25 +58,26 @@ struct gd_show_conf {
 };
 
 /*
- * The picture of n planes (1 or 3 of one size; more are left out). pic must be empty. COLOUR of one plane is
- * grey. Pixels with NaN are shown in pure magenta, *nan (may be NULL) is their number; infinities lie at
- * the ends of the range. GD_ESHAPE: NORMAL or POSITION of fewer than 3 planes.
+ * The picture of n planes (1 or 3 of one size; more are left out). pic must be empty. COLOUR of one
+ * plane is grey. Pixels with NaN are shown in pure magenta, *nan (may be NULL) is their number;
+ * infinities lie at the ends of the range. GD_ESHAPE: NORMAL or POSITION of fewer than 3 planes.
  */
-int gd_show(struct gd_picture *pic, size_t *nan, const struct gd_plane *v, int n, const struct gd_show_conf *conf,
-	    struct gd_err *err);
+int gd_show(struct gd_picture *pic, size_t *nan, const struct gd_plane *v, int n,
+	    const struct gd_show_conf *conf, struct gd_err *err);
 
 /* Each pixel as factor x factor ones. */
 int gd_picture_zoom(struct gd_picture *pic, int factor, struct gd_err *err);
 
-/* Text with its upper left corner at (x, y), each of its pixels size x size; what is outside is cut off. */
+/* Text from its upper left corner (x, y), each of its pixels size x size, cut at the borders. */
 void gd_picture_text(struct gd_picture *pic, int x, int y, int size, const char *text);
 
 /*
- * A sheet: n pictures in rows of at most columns, a line of text (which may be NULL or empty) under each. Cells
- * are as large as the largest picture; text that does not fit is cut in the middle ("...").
+ * A sheet: n pictures in rows of at most columns, a line of text (which may be NULL or empty) under
+ * each. Cells are as large as the largest picture; text that does not fit is cut in the middle
+ * ("...").
  */
-int gd_picture_sheet(struct gd_picture *sheet, const struct gd_picture *pic, const char *const *label, int n,
-		     int columns, struct gd_err *err);
+int gd_picture_sheet(struct gd_picture *sheet, const struct gd_picture *pic,
+		     const char *const *label, int n, int columns, struct gd_err *err);
 
 /* A bar of the false colours of SCALAR or SIGNED below the picture, with the ends of the range. */
 int gd_picture_legend(struct gd_picture *pic, const struct gd_show_conf *conf, struct gd_err *err);

@@ -20,7 +20,7 @@ struct gd_row {
 	double value[GD_TABLE_COLUMNS];
 };
 
-/* What holds for the whole table: a column of equal values in TSV, a member of the object in JSON. */
+/* What holds for the whole table: a column of equal values in TSV, a member of the JSON object. */
 struct gd_remark {
 	const char *name;
 	const char *text;	/* as it is in TSV */

@@ -22,7 +22,8 @@ namespace {
 
 enum { TYPE_UINT, TYPE_HALF, TYPE_FLOAT };	/* enum gd_type */
 
-int fail(struct gd_err *err, int code, const char *format, ...) __attribute__((format(printf, 3, 4)));
+int fail(struct gd_err *err, int code, const char *format, ...)
+	__attribute__((format(printf, 3, 4)));
 
 int fail(struct gd_err *err, int code, const char *format, ...)
 {
@@ -32,7 +33,7 @@ int fail(struct gd_err *err, int code, const char *format, ...)
 		va_start(ap, format);
 		vsnprintf(err->text, sizeof(err->text), format, ap);
 		va_end(ap);
-		for (char *p = err->text; *p; p++)	/* the libraries' texts may have several lines */
+		for (char *p = err->text; *p; p++) /* the libraries' texts may have several lines */
 			if (*p == '\n')
 				*p = p[1] ? ';' : '\0';
 		err->code = code;
@@ -115,13 +116,14 @@ int open_file(File &f, const void *data, size_t size, struct gd_err *err)
 	OIIO::Filesystem::IOProxy *memory = f.memory.get();
 
 	hints.attribute("oiio:UnassociatedAlpha", 1);	/* colour as it is in the file */
-	if (memory)
-		hints.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &memory);	/* some formats look for it here */
+	if (memory)	/* some formats look for it here */
+		hints.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &memory);
 	f.in = OIIO::ImageInput::open(f.path, &hints, memory);
 	if (!f.in) {
 		std::string why = OIIO::geterror();
 
-		return fail(err, GD_EFORMAT, "%s: %s", path, why.empty() ? "not an image file" : why.c_str());
+		return fail(err, GD_EFORMAT, "%s: %s", path,
+			    why.empty() ? "not an image file" : why.c_str());
 	}
 	if (!f.in->seek_subimage(f.part, 0)) {
 		f.in->geterror();
@@ -129,7 +131,8 @@ int open_file(File &f, const void *data, size_t size, struct gd_err *err)
 	}
 	f.spec = f.in->spec();
 	f.exr = !strcmp(f.in->format_name(), "openexr");
-	f.srgb = !f.exr && f.spec.get_string_attribute("oiio:ColorSpace") == "sRGB" && !f.spec.format.is_floating_point();
+	f.srgb = !f.exr && f.spec.get_string_attribute("oiio:ColorSpace") == "sRGB" &&
+		 !f.spec.format.is_floating_point();
 	if (f.spec.deep)
 		return fail(err, GD_EFORMAT, "%s: deep pixels are not supported", path);
 	if (f.spec.depth > 1)
@@ -137,8 +140,8 @@ int open_file(File &f, const void *data, size_t size, struct gd_err *err)
 	return GD_OK;
 }
 
-int shim_open(void **file, struct gd_shim_info *info, const char *path, const void *data, size_t size, int part,
-	      struct gd_err *err) noexcept
+int shim_open(void **file, struct gd_shim_info *info, const char *path, const void *data,
+	      size_t size, int part, struct gd_err *err) noexcept
 {
 	*file = nullptr;
 	return guarded(err, path, [&] {
@@ -189,11 +192,14 @@ int shim_load(void *file, struct gd_err *err) noexcept
 	File &f = *static_cast<File *>(file);
 
 	return guarded(err, f.path.c_str(), [&] {
-		f.pixel.resize(size_t(f.spec.width) * size_t(f.spec.height) * f.spec.pixel_bytes(true));
-		if (!f.in->read_image(f.part, 0, 0, f.spec.nchannels, OIIO::TypeDesc::UNKNOWN, f.pixel.data())) {
+		f.pixel.resize(size_t(f.spec.width) * size_t(f.spec.height) *
+			       f.spec.pixel_bytes(true));
+		if (!f.in->read_image(f.part, 0, 0, f.spec.nchannels, OIIO::TypeDesc::UNKNOWN,
+				      f.pixel.data())) {
 			std::string why = f.in->geterror();
 
-			return fail(err, GD_EFORMAT, "%s: %s", f.path.c_str(), why.empty() ? "cannot be read" : why.c_str());
+			return fail(err, GD_EFORMAT, "%s: %s", f.path.c_str(),
+				    why.empty() ? "cannot be read" : why.c_str());
 		}
 		return int(GD_OK);
 	});
@@ -219,15 +225,19 @@ void copy_row(void *to, const unsigned char *from, const File &f, int channel, b
 		}
 		return;
 	}
-	OIIO::TypeDesc want = as_float || type_of(f, channel) == TYPE_FLOAT ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : type;
-	OIIO::convert_image(1, w, 1, 1, from, type, step, OIIO::AutoStride, OIIO::AutoStride, to, want, OIIO::AutoStride,
-			    OIIO::AutoStride, OIIO::AutoStride);
+	OIIO::TypeDesc want = type;
+
+	if (as_float || type_of(f, channel) == TYPE_FLOAT)
+		want = OIIO::TypeDesc::FLOAT;
+	OIIO::convert_image(1, w, 1, 1, from, type, step, OIIO::AutoStride, OIIO::AutoStride, to,
+			    want, OIIO::AutoStride, OIIO::AutoStride, OIIO::AutoStride);
 	if (f.srgb && channel != f.spec.alpha_channel)
 		for (int x = 0; x < w; x++)
 			static_cast<float *>(to)[x] = linear(static_cast<float *>(to)[x]);
 }
 
-int shim_copy(void *file, int channel, int as_float, void *to, size_t row_bytes, struct gd_err *err) noexcept
+int shim_copy(void *file, int channel, int as_float, void *to, size_t row_bytes,
+	      struct gd_err *err) noexcept
 {
 	File &f = *static_cast<File *>(file);
 
@@ -236,8 +246,8 @@ int shim_copy(void *file, int channel, int as_float, void *to, size_t row_bytes,
 		const unsigned char *from = f.pixel.data() + channel_offset(f, channel);
 
 		for (int y = 0; y < f.spec.height; y++)
-			copy_row(static_cast<char *>(to) + size_t(y) * row_bytes, from + size_t(y) * row, f, channel,
-				 as_float != 0);
+			copy_row(static_cast<char *>(to) + size_t(y) * row_bytes,
+				 from + size_t(y) * row, f, channel, as_float != 0);
 		return int(GD_OK);
 	});
 }
@@ -255,14 +265,16 @@ int shim_png(unsigned char **png, size_t *size, const void *pixel, int w, int h,
 {
 	*png = nullptr;
 	return guarded(err, "PNG", [&] {
-		OIIO::ImageSpec spec(w, h, n, bits == 16 ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8);
+		OIIO::ImageSpec spec(w, h, n,
+				     bits == 16 ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8);
 		OIIO::Filesystem::IOVecOutput memory;
 		auto out = OIIO::ImageOutput::create("memory.png", &memory);
 
 		if (!out)
 			return fail(err, GD_EIO, "PNG: OpenImageIO cannot write it");
 		spec.attribute("oiio:ColorSpace", "sRGB");
-		if (!out->open("memory.png", spec) || !out->write_image(spec.format, pixel) || !out->close())
+		if (!out->open("memory.png", spec) || !out->write_image(spec.format, pixel) ||
+		    !out->close())
 			return fail(err, GD_EIO, "PNG: %s", out->geterror().c_str());
 		*size = memory.buffer().size();
 		*png = static_cast<unsigned char *>(malloc(*size));
@@ -314,7 +326,8 @@ std::string quoted(const std::string &list, const char *name)
 }
 
 /* Replaces NULL by the default; an unknown name fails with the list of those that exist. */
-int choose_view(const OCIO::ConstConfigRcPtr &config, std::string &display, std::string &view, struct gd_err *err)
+int choose_view(const OCIO::ConstConfigRcPtr &config, std::string &display, std::string &view,
+		struct gd_err *err)
 {
 	std::string displays, views;
 	bool found = false;
@@ -326,7 +339,8 @@ int choose_view(const OCIO::ConstConfigRcPtr &config, std::string &display, std:
 		displays = quoted(displays, config->getDisplay(i));
 	}
 	if (!found)
-		return fail(err, GD_EARG, "no display \"%s\", there is %s", display.c_str(), displays.c_str());
+		return fail(err, GD_EARG, "no display \"%s\", there is %s", display.c_str(),
+			    displays.c_str());
 	if (view.empty())
 		view = config->getDefaultView(display.c_str());
 	found = false;
@@ -335,12 +349,13 @@ int choose_view(const OCIO::ConstConfigRcPtr &config, std::string &display, std:
 		views = quoted(views, config->getView(display.c_str(), i));
 	}
 	if (!found)
-		return fail(err, GD_EARG, "no view \"%s\" of display \"%s\", there is %s", view.c_str(), display.c_str(),
-			    views.c_str());
+		return fail(err, GD_EARG, "no view \"%s\" of display \"%s\", there is %s",
+			    view.c_str(), display.c_str(), views.c_str());
 	return GD_OK;
 }
 
-int shim_display(float *rgb, size_t n, const char *display, const char *view, struct gd_err *err) noexcept
+int shim_display(float *rgb, size_t n, const char *display, const char *view,
+		 struct gd_err *err) noexcept
 {
 	return guarded(err, "OpenColorIO", [&] {
 		OCIO::ConstConfigRcPtr config = load_config();
@@ -357,7 +372,8 @@ int shim_display(float *rgb, size_t n, const char *display, const char *view, st
 		const size_t piece = 1 << 16;
 
 		for (size_t i = 0; i < n; i += piece) {
-			OCIO::PackedImageDesc image(rgb + 3 * i, long(n - i < piece ? n - i : piece), 1, 3);
+			OCIO::PackedImageDesc image(rgb + 3 * i,
+						    long(n - i < piece ? n - i : piece), 1, 3);
 
 			cpu->apply(image);
 		}
@@ -372,6 +388,14 @@ int shim_display(float *rgb, size_t n, const char *display, const char *view, st
 extern "C" {
 extern const struct gd_shim gd_shim_table __attribute__((visibility("default")));
 const struct gd_shim gd_shim_table = {
-	GD_SHIM_ABI, shim_open, shim_channel, shim_attr, shim_load, shim_copy, shim_close, shim_png, shim_display,
+	GD_SHIM_ABI,
+	shim_open,
+	shim_channel,
+	shim_attr,
+	shim_load,
+	shim_copy,
+	shim_close,
+	shim_png,
+	shim_display,
 };
 }

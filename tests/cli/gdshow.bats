@@ -88,7 +88,7 @@ ramp() {
 @test "scalars: percentiles by default, said with -v; --range; brighter is more" {
 	ramp
 	run -0 --separate-stderr gdshow -v -l Z ramp.exr out.png
-	[[ $stderr == *"layer Z: scalar, 1 to 16 (1st to 99th percentile"* ]]
+	[[ $stderr == *"layer Z: scalar, 1 to 16 (percentiles of the first image)"* ]]
 	run -0 --separate-stderr gdshow -v -l Z --range 0,20 ramp.exr out.png
 	[[ $stderr == *"0 to 20 (--range)"* ]]
 	mkexr black.exr 16 8 R=0 G=0 B=0

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The border to OpenImageIO and OpenColorIO. Skipped, and said so, where the plug-in is not built. */
+/* The border to OpenImageIO and OpenColorIO. Skipped, and said so, where the plug-in is not built.
+ */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,8 +18,8 @@
 #include "show.h"
 
 /*
- * For builds with the leak checker: where a PNG ends early, libpng jumps over OpenImageIO's frames, and a text
- * of theirs is lost. The whole stack is needed to know it.
+ * For builds with the leak checker: where a PNG ends early, libpng jumps over OpenImageIO's frames,
+ * and a text of theirs is lost. The whole stack is needed to know it.
  */
 const char *__asan_default_options(void);
 const char *__asan_default_options(void)
@@ -88,7 +89,9 @@ static void png(int n, int bits)
 		wide[i] = (uint16_t)(bits == 16 ? i * 211 : i * 7 % 256);
 	for (int i = 0; i < W * H * n; i++)
 		pixel[i] = (unsigned char)wide[i];
-	assert_int_equal(gd_plugin_png(&data, &size, bits == 16 ? (void *)wide : pixel, W, H, n, bits, &err), GD_OK);
+	assert_int_equal(
+		gd_plugin_png(&data, &size, bits == 16 ? (void *)wide : pixel, W, H, n, bits, &err),
+		GD_OK);
 	assert_memory_equal(data, "\x89PNG\r\n\x1a\n", 8);
 	assert_memory_equal(data + 16, "\0\0\0\x10\0\0\0\x05", 8);
 	assert_int_equal(data[24], bits);
@@ -105,8 +108,8 @@ static void png(int n, int bits)
 			double wanted = to_linear(wide[i * n + c] / top);
 
 			if (fabs((double)gd_row(p, i / W)[i % W] - wanted) > 1e-6)
-				fail_msg("%d bits, channel %s, pixel %d: %g, wanted %g", bits, names[c], i,
-					 (double)gd_row(p, i / W)[i % W], wanted);
+				fail_msg("%d bits, channel %s, pixel %d: %g, wanted %g", bits,
+					 names[c], i, (double)gd_row(p, i / W)[i % W], wanted);
 		}
 	}
 	gd_plugin_close(file);
@@ -152,11 +155,14 @@ static void damaged(void **state)
 	free(data);
 }
 
-/* What OpenEXR's C library wrote comes back through OpenImageIO: pixels of all types, windows, attributes. */
+/* What OpenEXR's C library wrote comes back through OpenImageIO: pixels of all types, windows,
+ * attributes. */
 static void exr(void **state)
 {
 	char path[] = "/tmp/gd-test-plugin-XXXXXX.exr";
-	const uint16_t halves[6] = { 0x3c00, 0x0001, 0x7c00, 0xfe01, 0x8000, 0x5640 };	/* 1, tiny, inf, NaN, -0, 100 */
+	const uint16_t halves[6] = {
+		0x3c00, 0x0001, 0x7c00, 0xfe01, 0x8000, 0x5640
+	}; /* 1, tiny, inf, NaN, -0, 100 */
 	const uint32_t ids[6] = { 0, 1, 0xffffffffu, 0x80000001u, 7, 123456789 };
 	struct gd_image im = { 0 }, back = { 0 };
 	struct gd_write_conf conf = { GD_ZIP };
@@ -175,7 +181,9 @@ static void exr(void **state)
 	im.data = (struct gd_box){ -4, 7, -2, 8 };
 	im.display = (struct gd_box){ -10, 0, 20, 30 };
 	for (int i = 0; i < 3; i++)
-		assert_int_equal(gd_image_add(&im, (const char *[]){ "half0.dx.R", "id", "Z" }[i], &p, &err), GD_OK);
+		assert_int_equal(
+			gd_image_add(&im, (const char *[]){ "half0.dx.R", "id", "Z" }[i], &p, &err),
+			GD_OK);
 	for (int i = 0; i < 6; i++)
 		gd_row(p, i / 3)[i % 3] = (float)i + 0.1f;
 	for (int i = 0; i < 2; i++) {
@@ -199,13 +207,15 @@ static void exr(void **state)
 	assert_memory_equal(&back.data, &im.data, sizeof(im.data));
 	assert_memory_equal(&back.display, &im.display, sizeof(im.display));
 	assert_int_equal(back.nchan, 3);
-	assert_memory_equal(back.chan[gd_image_find(&back, "half0.dx.R")].raw, halves, sizeof(halves));
+	assert_memory_equal(back.chan[gd_image_find(&back, "half0.dx.R")].raw, halves,
+			    sizeof(halves));
 	assert_memory_equal(back.chan[gd_image_find(&back, "id")].raw, ids, sizeof(ids));
 	assert_true(gd_image_plane(&back, "Z", &p));
 	for (int i = 0; i < 6; i++)
 		assert_true(gd_row(p, i / 3)[i % 3] == (float)i + 0.1f);
 	assert_true(gd_attr_number(&back, "gd:renderSeconds", &number) && number == 2.5);
-	assert_true(gd_attr_string(&back, "gd:history", text, sizeof(text)) && !strcmp(text, "a b"));
+	assert_true(gd_attr_string(&back, "gd:history", text, sizeof(text)) &&
+		    !strcmp(text, "a b"));
 	gd_image_free(&back);
 
 	assert_int_equal(gd_plugin_open(&file, &back, path, NULL, 0, 0, &err), GD_OK);
@@ -215,9 +225,11 @@ static void exr(void **state)
 	gd_plugin_close(file);
 	assert_int_equal(back.nchan, 2);
 	assert_true(gd_image_plane(&back, "half0.dx.R", &p));
-	assert_true(gd_row(p, 0)[0] == 1 && isinf(gd_row(p, 0)[2]) && isnan(gd_row(p, 1)[0]) && gd_row(p, 1)[2] == 100);
+	assert_true(gd_row(p, 0)[0] == 1 && isinf(gd_row(p, 0)[2]) && isnan(gd_row(p, 1)[0]) &&
+		    gd_row(p, 1)[2] == 100);
 	assert_true(gd_image_plane(&back, "id", &p));
-	assert_true(gd_row(p, 0)[1] == 1 && gd_row(p, 0)[2] == 4294967296.0f && gd_row(p, 1)[2] == 123456789.0f);
+	assert_true(gd_row(p, 0)[1] == 1 && gd_row(p, 0)[2] == 4294967296.0f &&
+		    gd_row(p, 1)[2] == 123456789.0f);
 	gd_image_free(&back);
 	gd_image_free(&im);
 	unlink(path);
@@ -238,7 +250,8 @@ static void display_builtin(void **state)
 	assert_int_equal(gd_plugin_display(rgb, 8, NULL, NULL, &err), GD_OK);
 	for (int i = 0; i < 24; i++)
 		if (fabs((double)rgb[i] - to_srgb(in[i / 3])) > 2e-4)
-			fail_msg("%g became %g, wanted %g", (double)in[i / 3], (double)rgb[i], to_srgb(in[i / 3]));
+			fail_msg("%g became %g, wanted %g", (double)in[i / 3], (double)rgb[i],
+				 to_srgb(in[i / 3]));
 	memcpy(raw, odd, sizeof(raw));
 	assert_int_equal(gd_plugin_display(raw, 3, "sRGB", "Raw", &err), GD_OK);
 	for (int i = 0; i < 9; i++)
@@ -253,7 +266,8 @@ static void display_builtin(void **state)
 	assert_int_equal(gd_plugin_display(raw, 3, "P3", NULL, &err), GD_EARG);
 }
 
-/* The default view of this configuration halves; what $OCIO names is obeyed or refused, never passed over. */
+/* The default view of this configuration halves; what $OCIO names is obeyed or refused, never
+ * passed over. */
 static void display_configured(void **state)
 {
 	char path[] = "/tmp/gd-test-plugin-XXXXXX.ocio";
@@ -273,7 +287,8 @@ static void display_configured(void **state)
 	need_plugin();
 	setenv("OCIO", path, 1);
 	assert_int_equal(gd_plugin_display(rgb, 1, NULL, NULL, &err), GD_OK);
-	assert_true(fabsf(rgb[0] - 0.125f) < 1e-6f && fabsf(rgb[1] - 0.25f) < 1e-6f && fabsf(rgb[2] - 0.5f) < 1e-6f);
+	assert_true(fabsf(rgb[0] - 0.125f) < 1e-6f && fabsf(rgb[1] - 0.25f) < 1e-6f &&
+		    fabsf(rgb[2] - 0.5f) < 1e-6f);
 	unlink(path);
 	assert_int_not_equal(gd_plugin_display(rgb, 1, NULL, NULL, &err), GD_OK);
 	assert_non_null(strstr(err.text, path));
@@ -285,7 +300,9 @@ static void picture(void **state)
 {
 	char path[] = "/tmp/gd-test-plugin-XXXXXX.png";
 	float v[3][64] = { { 0 } };
-	struct gd_plane p[3] = { gd_plane_of(v[0], 3, 1), gd_plane_of(v[1], 3, 1), gd_plane_of(v[2], 3, 1) }, back;
+	struct gd_plane p[3] = { gd_plane_of(v[0], 3, 1), gd_plane_of(v[1], 3, 1),
+				 gd_plane_of(v[2], 3, 1) },
+			back;
 	struct gd_show_conf conf = { .as = GD_SHOW_COLOUR, .exposure = 1 };
 	struct gd_picture pic = { 0 };
 	struct gd_plugin_file *file;
@@ -310,7 +327,8 @@ static void picture(void **state)
 	assert_int_equal(gd_plugin_load(file, &im, &err), GD_OK);
 	gd_plugin_close(file);
 	assert_true(gd_image_plane(&im, "R", &back));
-	assert_true(fabsf(back.v[0] - 0.5f) < 1e-3f && back.v[1] == 0 && fabsf(back.v[2] - 1) < 1e-6f);
+	assert_true(fabsf(back.v[0] - 0.5f) < 1e-3f && back.v[1] == 0 &&
+		    fabsf(back.v[2] - 1) < 1e-6f);
 	assert_true(gd_image_plane(&im, "G", &back));
 	assert_true(back.v[0] == 0 && fabsf(back.v[1] - 1) < 1e-6f && back.v[2] == 0);
 	gd_image_free(&im);
@@ -321,8 +339,10 @@ static void picture(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(missing), cmocka_unit_test(pngs), cmocka_unit_test(damaged), cmocka_unit_test(exr),
-		cmocka_unit_test(display_builtin), cmocka_unit_test(display_configured), cmocka_unit_test(picture),
+		cmocka_unit_test(missing),	   cmocka_unit_test(pngs),
+		cmocka_unit_test(damaged),	   cmocka_unit_test(exr),
+		cmocka_unit_test(display_builtin), cmocka_unit_test(display_configured),
+		cmocka_unit_test(picture),
 	};
 
 	setenv("GD_PLUGIN_PATH", getenv("GD_BIN") ? getenv("GD_BIN") : "bin", 0);

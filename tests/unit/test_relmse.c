@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* relMSE and its kin against closed forms, and the estimate that is free of the reference's noise. */
+/* relMSE and its kin against closed forms, and the estimate that is free of the reference's noise.
+ */
 #include <math.h>
 #include <omp.h>
 #include <setjmp.h>
@@ -77,7 +78,8 @@ static double normal(uint64_t *s)
 	return sum - 6;
 }
 
-static struct gd_relmse measure(const struct gd_relmse_in *in, enum gd_relmse_form form, double eps, double trim)
+static struct gd_relmse measure(const struct gd_relmse_in *in, enum gd_relmse_form form, double eps,
+				double trim)
 {
 	struct gd_relmse_conf conf = { .eps = eps, .form = form, .trim = trim };
 	struct gd_relmse m;
@@ -114,11 +116,13 @@ static void closed_forms(void **state)
 	assert_close(m.p50, m.relmse, 1e-13);
 	assert_close(m.trimmed, m.relmse, 1e-13);
 	assert_int_equal(m.pixels, W * H);
-	assert_close(measure(&f.in, GD_REL_R_EPS_2, e, 0).relmse, (1 / (2.01 * 2.01) + 0.25 / (0.51 * 0.51)) / 3, 1e-13);
+	assert_close(measure(&f.in, GD_REL_R_EPS_2, e, 0).relmse,
+		     (1 / (2.01 * 2.01) + 0.25 / (0.51 * 0.51)) / 3, 1e-13);
 	assert_close(measure(&f.in, GD_REL_LUM, e, 0).relmse, 1.25 / 3 / (lum * lum + e), 1e-13);
 	assert_close(measure(&f.in, GD_REL_MEAN, e, 0).relmse, 1.25 / 3 / (mean * mean + e), 1e-13);
 	assert_close(measure(&f.in, GD_REL_HALF, e, 0).relmse, m.relmse / 2, 1e-13);
-	assert_close(measure(&f.in, GD_REL_R2_EPS, 1, 0).relmse, (1 / 5.0 + 0.25 / 1.25) / 3, 1e-13);
+	assert_close(measure(&f.in, GD_REL_R2_EPS, 1, 0).relmse, (1 / 5.0 + 0.25 / 1.25) / 3,
+		     1e-13);
 	free(f.v);
 }
 
@@ -149,7 +153,8 @@ static void selects(void **state)
 	(void)state;
 	for (int round = 0; round < 200; round++) {
 		double v[101];
-		size_t n = 1 + (size_t)(uniform(&s) * 100), k = (size_t)(uniform(&s) * (double)n), below = 0, equal = 0;
+		size_t n = 1 + (size_t)(uniform(&s) * 100), k = (size_t)(uniform(&s) * (double)n),
+		       below = 0, equal = 0;
 		double found;
 
 		for (size_t i = 0; i < n; i++)
@@ -197,9 +202,9 @@ static void permutation(void **state)
 }
 
 /*
- * Truth 1 everywhere, image 1.1, halves of standard deviation 0.3. Against their mean the squared error is
- * 0.01 + 0.045; without its noise 0.01. (x - a)(x - b) has variance 2 0.01 0.09 + 0.09^2 = 0.0099, so over
- * 3 x 256 x 256 values its mean has a standard deviation of 2.2e-4.
+ * Truth 1 everywhere, image 1.1, halves of standard deviation 0.3. Against their mean the squared
+ * error is 0.01 + 0.045; without its noise 0.01. (x - a)(x - b) has variance 2 0.01 0.09 + 0.09^2 =
+ * 0.0099, so over 3 x 256 x 256 values its mean has a standard deviation of 2.2e-4.
  */
 static void free_of_noise(void **state)
 {
@@ -212,7 +217,8 @@ static void free_of_noise(void **state)
 		fill(f.in.x[c], 1.1f);
 		for (int y = 0; y < 256; y++)
 			for (int x = 0; x < 256; x++) {
-				float a = (float)(1 + 0.3 * normal(&s)), b = (float)(1 + 0.3 * normal(&s));
+				float a = (float)(1 + 0.3 * normal(&s)),
+				      b = (float)(1 + 0.3 * normal(&s));
 
 				gd_row(f.in.a[c], y)[x] = a;
 				gd_row(f.in.b[c], y)[x] = b;
@@ -363,7 +369,7 @@ static void maps(void **state)
 
 	(void)state;
 	f.in.halves = true;
-	f.in.x[0].v[0] = 3;		/* against 1 and 3: (3 - 2)^2 / (2^2 + 1), and 0 in the other channel */
+	f.in.x[0].v[0] = 3; /* against 1 and 3: (3 - 2)^2 / (2^2 + 1), and 0 in the other channel */
 	f.in.a[0].v[0] = 1;
 	f.in.b[0].v[0] = 3;
 	f.in.x[1].v[1] = NAN;
@@ -390,7 +396,7 @@ static void ranks(void **state)
 			int block = y / 8 * 5 + x / 8;
 
 			gd_row(f.in.x[0], y)[x] = (float)((block * 7) % 15 + 1);
-			gd_row(est, y)[x] = (float)exp((block * 7) % 15);	/* any rising function */
+			gd_row(est, y)[x] = (float)exp((block * 7) % 15); /* any rising function */
 		}
 	assert_int_equal(gd_relmse_rank(&r, &f.in, &est, 8, &err), GD_OK);
 	assert_int_equal(r.blocks, 15);
@@ -407,7 +413,8 @@ static void ranks(void **state)
 	free(g.v);
 }
 
-/* Ties: values 1 2 2 3 against 1 3 2 4 have ranks 1 2.5 2.5 4 and 1 3 2 4: rho = 4.5 / sqrt(4.5 * 5). */
+/* Ties: values 1 2 2 3 against 1 3 2 4 have ranks 1 2.5 2.5 4 and 1 3 2 4: rho = 4.5 / sqrt(4.5 *
+ * 5). */
 static void tied_ranks(void **state)
 {
 	struct fixture f = make(1, 4, 1), g = make(1, 4, 1);
@@ -431,7 +438,8 @@ static void names(void **state)
 	for (int i = 0; i < GD_REL_FORMS; i++) {
 		enum gd_relmse_form form = GD_REL_FORMS;
 
-		assert_true(gd_relmse_form_find(gd_relmse_form_name((enum gd_relmse_form)i), &form));
+		assert_true(
+			gd_relmse_form_find(gd_relmse_form_name((enum gd_relmse_form)i), &form));
 		assert_int_equal(form, i);
 		assert_non_null(strstr(gd_relmse_formula(form, true), "(x - a)(x - b)"));
 	}
@@ -441,11 +449,14 @@ static void names(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(closed_forms), cmocka_unit_test(order_statistics), cmocka_unit_test(selects),
-		cmocka_unit_test(permutation), cmocka_unit_test(free_of_noise), cmocka_unit_test(equal_halves),
-		cmocka_unit_test(not_finite), cmocka_unit_test(fireflies), cmocka_unit_test(masks),
-		cmocka_unit_test(any_number_of_threads), cmocka_unit_test(maps), cmocka_unit_test(refusals), cmocka_unit_test(ranks),
-		cmocka_unit_test(tied_ranks), cmocka_unit_test(names),
+		cmocka_unit_test(closed_forms),	 cmocka_unit_test(order_statistics),
+		cmocka_unit_test(selects),	 cmocka_unit_test(permutation),
+		cmocka_unit_test(free_of_noise), cmocka_unit_test(equal_halves),
+		cmocka_unit_test(not_finite),	 cmocka_unit_test(fireflies),
+		cmocka_unit_test(masks),	 cmocka_unit_test(any_number_of_threads),
+		cmocka_unit_test(maps),		 cmocka_unit_test(refusals),
+		cmocka_unit_test(ranks),	 cmocka_unit_test(tied_ranks),
+		cmocka_unit_test(names),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Pictures: ranges, false colours, normals, sheets, letters. What needs the plug-in is in test_plugin.c. */
+/* Pictures: ranges, false colours, normals, sheets, letters. What needs the plug-in is in
+ * test_plugin.c. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -31,9 +32,10 @@ static const float *at(const struct gd_picture *pic, int x, int y)
 
 static void assert_rgb(const float *found, float r, float g, float b)
 {
-	if (fabsf(found[0] - r) > 2e-3f || fabsf(found[1] - g) > 2e-3f || fabsf(found[2] - b) > 2e-3f)
-		fail_msg("found %g %g %g, wanted %g %g %g", (double)found[0], (double)found[1], (double)found[2],
-			 (double)r, (double)g, (double)b);
+	if (fabsf(found[0] - r) > 2e-3f || fabsf(found[1] - g) > 2e-3f ||
+	    fabsf(found[2] - b) > 2e-3f)
+		fail_msg("found %g %g %g, wanted %g %g %g", (double)found[0], (double)found[1],
+			 (double)found[2], (double)r, (double)g, (double)b);
 }
 
 static double brightness(const float *rgb)
@@ -101,7 +103,8 @@ static void ranges_of_little(void **state)
 				struct gd_err err = { 0 };
 
 				v.v[0] = values[i];
-				assert_int_equal(gd_show_range(&conf.range, &v, 1, conf.as, (enum gd_show_scale)scale, &err),
+				assert_int_equal(gd_show_range(&conf.range, &v, 1, conf.as,
+							       (enum gd_show_scale)scale, &err),
 						 GD_OK);
 				assert_true(isfinite(conf.range.lo) && isfinite(conf.range.hi));
 				assert_true(conf.range.hi > conf.range.lo);
@@ -134,7 +137,8 @@ static void scalar_colours(void **state)
 		v.v[x] *= v.v[x];
 	assert_int_equal(gd_show(&root, NULL, &v, 1, &conf, &err), GD_OK);
 	for (int x = 0; x < 256; x++)
-		assert_rgb(at(&root, x, 0), at(&pic, x, 0)[0], at(&pic, x, 0)[1], at(&pic, x, 0)[2]);
+		assert_rgb(at(&root, x, 0), at(&pic, x, 0)[0], at(&pic, x, 0)[1],
+			   at(&pic, x, 0)[2]);
 	gd_picture_free(&pic);
 	gd_picture_free(&root);
 	free(v.v);
@@ -187,7 +191,9 @@ static void normals(void **state)
 
 static struct gd_picture solid(int w, int h, float grey)
 {
-	struct gd_picture pic = { .w = w, .h = h, .rgb = gd_calloc((size_t)w * (size_t)h, 3 * sizeof(float)) };
+	struct gd_picture pic = { .w = w,
+				  .h = h,
+				  .rgb = gd_calloc((size_t)w * (size_t)h, 3 * sizeof(float)) };
 
 	assert_non_null(pic.rgb);
 	for (int i = 0; i < 3 * w * h; i++)
@@ -242,8 +248,11 @@ static void text_at_the_border(void **state)
 
 static void sheets(void **state)
 {
-	struct gd_picture pic[3] = { solid(30, 20, 0.25f), solid(10, 40, 0.5f), solid(30, 40, 0.75f) }, sheet = { 0 };
-	const char *label[3] = { "one", NULL, "a label that is far too long for so small a picture" };
+	struct gd_picture pic[3] = { solid(30, 20, 0.25f), solid(10, 40, 0.5f),
+				     solid(30, 40, 0.75f) },
+			  sheet = { 0 };
+	const char *label[3] = { "one", NULL,
+				 "a label that is far too long for so small a picture" };
 	struct gd_err err = { 0 };
 
 	(void)state;
@@ -280,10 +289,17 @@ static void legends(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(guesses), cmocka_unit_test(ranges), cmocka_unit_test(ranges_of_little),
-		cmocka_unit_test(scalar_colours), cmocka_unit_test(signed_colours), cmocka_unit_test(normals),
-		cmocka_unit_test(zooms), cmocka_unit_test(letters), cmocka_unit_test(text_at_the_border),
-		cmocka_unit_test(sheets), cmocka_unit_test(legends),
+		cmocka_unit_test(guesses),
+		cmocka_unit_test(ranges),
+		cmocka_unit_test(ranges_of_little),
+		cmocka_unit_test(scalar_colours),
+		cmocka_unit_test(signed_colours),
+		cmocka_unit_test(normals),
+		cmocka_unit_test(zooms),
+		cmocka_unit_test(letters),
+		cmocka_unit_test(text_at_the_border),
+		cmocka_unit_test(sheets),
+		cmocka_unit_test(legends),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
