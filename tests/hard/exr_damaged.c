@@ -7,6 +7,7 @@
 #include "../unit/exr_make.h"
 
 #include <dirent.h>
+#include <sys/resource.h>
 
 #define MUTANTS	60	/* of each layout */
 
@@ -163,10 +164,128 @@ static void test_mutants(void **state)
 		}
 }
 
+static void expect_refusal(const char *path, bool piped)
+{
+	struct gd_err err = { 0 };
+	struct gd_image im = { 0 };
+	int rc = piped ? read_piped(&im, path, GD_READ, &err)
+		       : read_all(&im, path, 0, GD_READ, &err);
+
+	assert_true(rc == GD_EFORMAT);
+	assert_int_equal(err.code, rc);
+	assert_null(strchr(err.text, '\n'));
+	assert_memory_equal(err.text, piped ? "stdin: " : path, piped ? 7 : strlen(path));
+	gd_image_free(&im);
+}
+
+static void test_truncated(void **state)
+{
+	(void)state;
+	for (int k = EXR_COMPRESSION_NONE; k <= EXR_COMPRESSION_B44A; k++)
+		for (int tiled = 0; tiled < 2; tiled++) {
+			size_t n;
+			make_seed("whole.exr", k, tiled);
+			unsigned char *v = slurp_file("whole.exr", &n);
+			for (size_t i = 0; i < 50; i++) {
+				spill_file("cut.exr", v, i * n / 50);
+				expect_refusal("cut.exr", false);
+				if (i % 7 == 0)
+					expect_refusal("cut.exr", true);
+			}
+			spill_file("cut.exr", v, n - 1);
+			expect_refusal("cut.exr", false);
+			expect_refusal("cut.exr", true);
+			free(v);
+		}
+}
+
+/* Puts bytes over the value of the attribute that follows key in the header. */
+static void patch(unsigned char *v, size_t n, const char *key, size_t key_n, const void *data,
+		  size_t size)
+{
+	unsigned char *at = memmem(v, n, key, key_n);
+
+	assert_non_null(at);
+	memcpy(at + key_n, data, size);
+}
+
+/*
+ * A header of a few hundred bytes that claims any number of pixels costs neither memory nor time.
+ */
+static void test_claims(void **state)
+{
+	static const int32_t box[][4] = {{0, 0, 59999, 59999},
+					 {0, 0, 100663296, 0},
+					 {0, 0, 65535, 65535},
+					 {-2147483647, 0, 2147483646, 3},
+					 {5, 5, 4, 4}};
+
+	(void)state;
+	for (int k = 0; k <= EXR_COMPRESSION_PIZ; k++)
+		for (size_t i = 0; i < sizeof box / sizeof *box; i++) {
+			struct rusage before, after;
+			size_t n;
+			make_seed("claim.exr", k, false);
+			unsigned char *v = slurp_file("claim.exr", &n);
+			patch(v, n, "dataWindow\0box2i\0\20\0\0", 21, box[i], 16);
+			spill_file("claim.exr", v, n);
+			free(v);
+			getrusage(RUSAGE_SELF, &before);
+			expect_refusal("claim.exr", false);
+			expect_refusal("claim.exr", true);
+			getrusage(RUSAGE_SELF, &after);
+			assert_true(after.ru_maxrss - before.ru_maxrss < 64 * 1024);
+		}
+}
+
+/* Without the plug-in, what the C library cannot decode is refused before anything is computed. */
+static void test_without_plugin(void **state)
+{
+	struct gd_err err = { 0 };
+	struct gd_image im = { 0 };
+	struct gd_exr *file;
+	size_t n;
+
+	(void)state;
+	assert_int_equal(setenv("GD_PLUGIN_PATH", "/nonexistent", 1), 0);
+	make_seed("dwa.exr", EXR_COMPRESSION_NONE, false);
+	unsigned char *v = slurp_file("dwa.exr", &n);
+	patch(v, n, "compression\0compression\0\1\0\0", 28, "\10", 1);
+	spill_file("dwa.exr", v, n);
+	free(v);
+	assert_int_equal(gd_exr_open(&file, &im, "dwa.exr", NULL, &err), GD_EFORMAT);
+	assert_non_null(strstr(err.text, "dwa.exr: DWAA"));
+	assert_non_null(strstr(err.text, "oiiotool in.exr --compression zip -o out.exr"));
+	err = (struct gd_err){ 0 };
+	spill_file("other.png", "\211PNG\r\n\032\n", 8);
+	assert_int_equal(gd_exr_open(&file, &im, "other.png", NULL, &err), GD_EFORMAT);
+	assert_memory_equal(err.text, "other.png: not an OpenEXR file", 30);
+	assert_null(file);
+	assert_int_equal(im.nchan, 0);
+}
+
+static void test_wrong_rows(void **state)
+{
+	int32_t wrong = 12345;
+	size_t n;
+
+	(void)state;
+	make_seed("rows.exr", EXR_COMPRESSION_NONE, false);
+	unsigned char *v = slurp_file("rows.exr", &n);
+	memcpy(v + n - 37 * 14 - 8, &wrong, sizeof wrong);	/* the last row's own number */
+	spill_file("rows.exr", v, n);
+	free(v);
+	expect_refusal("rows.exr", false);
+	expect_refusal("rows.exr", true);
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_collection),
-					   cmocka_unit_test(test_mutants)};
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_collection), cmocka_unit_test(test_mutants),
+		cmocka_unit_test(test_truncated),  cmocka_unit_test(test_claims),
+		cmocka_unit_test(test_wrong_rows), cmocka_unit_test(test_without_plugin),
+	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -233,6 +233,30 @@ static inline exr_attr_box2i_t make_box(int x0, int y0, int x1, int y1)
 	return (exr_attr_box2i_t){ .min = { .x = x0, .y = y0 }, .max = { .x = x1, .y = y1 } };
 }
 
+/* A scanline part of 37 x 71 pixels with every type. */
+static inline struct make_part make_plain(void)
+{
+	return (struct make_part){.storage = EXR_STORAGE_SCANLINE,
+				  .data = make_box(0, 0, 36, 70),
+				  .display = make_box(0, 0, 36, 70),
+				  .tile = 16,
+				  .nchan = 4,
+				  .chan = {{"R", EXR_PIXEL_FLOAT, 1},
+					   {"N.X", EXR_PIXEL_HALF, 1},
+					   {"id", EXR_PIXEL_UINT, 1},
+					   {"Z", EXR_PIXEL_FLOAT, 1}}};
+}
+
+/* That as a file, by the number of a codec. */
+static inline void make_seed(const char *path, int codec, bool tiled)
+{
+	struct make_part p = make_plain();
+
+	p.compression = (exr_compression_t)codec;
+	p.storage = tiled ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE;
+	make_exr(path, &p, 1, false);
+}
+
 /* Opens and loads path with one want for all channels. */
 static inline int read_all(struct gd_image *im, const char *path, int part, enum gd_want want,
 			   struct gd_err *err)
