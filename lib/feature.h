@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The feature stage: an image made from the gradients, for the regression to lean on.
+ *
+ *	feature		from all bins, bagged (boot.h) or a single solve, then non-local means
+ *	half0.feature	from the even bins, filtered with weights from the odd ones
+ *	half1.feature	the other way round
+ *	half0.R ...	means of the even and odd bins of the colour
+ * and the variances of all of these. The noise of half1.feature is independent of that of half0.R, so a
+ * regression of the one on the other cannot fit noise to itself.
+ *
+ * Which variance is told: that of the feature's detail. An image solved from gradients drifts, as
+ * a random walk does, but the drift is common to a window, which a regression with a constant takes out.
+ */
+#ifndef GD_FEATURE_H
+#define GD_FEATURE_H
+
+#include <stdbool.h>
+
+#include "boot.h"
+#include "buffers.h"
+#include "nlm.h"
+
+enum gd_feature_solve { GD_FEATURE_WLS, GD_FEATURE_OLS, GD_FEATURE_NONE };
+
+struct gd_feature_conf {
+	enum gd_feature_solve solve;	/* ols: equal weights, no bagging; none: only the layers */
+	bool bagging, filter;
+	bool keep;			/* gradients, their variances and their bins stay */
+	struct gd_boot_conf boot;
+	struct gd_nlm_conf nlm;		/* of the feature */
+	struct gd_nlm_conf nlm_layers;	/* of the layers below */
+	const char *layers;		/* noisy layers to prefilter, "albedo,N,Z", or NULL */
+};
+
+#define GD_FEATURE_DEFAULTS ((struct gd_feature_conf){ \
+	.solve = GD_FEATURE_WLS, .bagging = true, .filter = true, .boot = GD_BOOT_DEFAULTS, \
+	.nlm = GD_NLM_DEFAULTS, .nlm_layers = GD_NLM_DEFAULTS })
+
+struct gd_feature_result {
+	int bins;		/* of the gradients, 0: none */
+	bool bagged, halves, filtered;
+	int layers;		/* filtered layers */
+	double solve_seconds, half_seconds, filter_seconds, layer_seconds;
+};
+
+/*
+ * Marks what gd_feature_run() reads and what it will not hand on, in an image of which only the header
+ * is known. GD_ESHAPE names a channel that is missing.
+ */
+int gd_feature_want(struct gd_image *im, const struct gd_feature_conf *conf, struct gd_err *err);
+
+/*
+ * Adds the channels above to im and frees those that no later stage needs. Without bins: one solve from
+ * means and variances (equal weights where these are missing, too), no halves. All outputs are finite.
+ * result and report may be NULL. Returns GD_OK, GD_EARG, GD_ESHAPE or GD_ENOMEM.
+ */
+int gd_feature_run(struct gd_image *im, const struct gd_feature_conf *conf,
+		   struct gd_feature_result *result, const struct gd_report *report, struct gd_err *err);
+
+#endif
