@@ -500,42 +500,106 @@ static int solve(struct stage *s)
 
 /* ---- the filter ---- */
 
-/* Writes layer and its variances: values filtered with weights from the guide, or as they are. */
-static int write_feature(struct stage *s, const char *layer, const struct gd_plane *in,
-			 const struct gd_plane *var, const struct gd_plane *guide)
+/* A layer of the result with its variances, where there are any. */
+static int add_feature(struct stage *s, const char *layer, struct gd_plane *out, struct gd_plane *out_var)
 {
-	struct gd_plane out[GD_LAYER_PLANES], out_var[GD_LAYER_PLANES];
-	struct gd_nlm_job job = { s->n, s->n, guide, var, in, var, out, out_var };
-	char name[256];
-	int rc = gd_layer_add(s->im, layer, s->n, out, s->err);
+	struct gd_plane p[GD_LAYER_PLANES], v[GD_LAYER_PLANES];
+	char name[64];
+	int rc = gd_layer_add(s->im, layer, s->n, p, s->err);
 
 	snprintf(name, sizeof name, "%s.variance", layer);
 	if (rc == GD_OK && s->has_local)
-		rc = gd_layer_add(s->im, name, s->n, out_var, s->err);
-	if (rc != GD_OK)
-		return rc;
-	if (s->conf->filter && s->has_local)
-		return gd_nlm_run(&job, &s->conf->nlm, s->report, s->err);
-	for (int c = 0; c < s->n; c++) {
-		const size_t bytes = (size_t)out[c].h * out[c].stride * sizeof(float);
-
-		memcpy(out[c].v, in[c].v, bytes);
+		rc = gd_layer_add(s->im, name, s->n, v, s->err);
+	for (int c = 0; c < s->n && rc == GD_OK; c++) {
+		out[c] = p[c];
 		if (s->has_local)
-			memcpy(out_var[c].v, var[c].v, bytes);
+			out_var[c] = v[c];
 	}
-	return GD_OK;
+	return rc;
+}
+
+static void copy_plane(struct gd_plane to, struct gd_plane from)
+{
+	for (int y = 0; y < to.h; y++)
+		memcpy(gd_row(to, y), gd_row(from, y), (size_t)to.w * sizeof(float));
+}
+
+static void copy_feature(struct stage *s, struct gd_plane *out, struct gd_plane *out_var,
+			 const struct gd_plane *in, const struct gd_plane *var)
+{
+	for (int c = 0; c < s->n; c++) {
+		copy_plane(out[c], in[c]);
+		if (s->has_local)
+			copy_plane(out_var[c], var[c]);
+	}
+}
+
+static void average_into(struct gd_plane a, struct gd_plane b)
+{
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < a.h; y++)
+		for (int x = 0; x < a.w; x++)
+			gd_row(a, y)[x] = 0.5f * gd_row(a, y)[x] + 0.5f * gd_row(b, y)[x];
+}
+
+/*
+ * The weights of each half go to the other half and to the feature of all bins, which becomes the mean
+ * of the two results: half of its noise is unknown to either set of weights, where weights from
+ * itself would know all of it and keep it. (Its variance is then at most the mean of the two.)
+ */
+static int filter_crossed(struct stage *s, struct gd_plane (*out)[3], struct gd_plane (*out_var)[3])
+{
+	const int n = s->n;
+	struct gd_plane other[3], other_var[3];
+	int rc = tmp_layer(s, "other", other);
+
+	if (rc == GD_OK)
+		rc = tmp_layer(s, "other.variance", other_var);
+	for (int i = 0; i < 2 && rc == GD_OK; i++) {
+		struct gd_plane in[6], var[6], to[6], to_var[6];
+		struct gd_nlm_job job = { n, 2 * n, s->half[1 - i], s->half_local, in, var, to, to_var };
+
+		for (int c = 0; c < n; c++) {
+			in[c] = s->half[i][c];
+			var[c] = s->half_local[c];
+			to[c] = out[1 + i][c];
+			to_var[c] = out_var[1 + i][c];
+			in[n + c] = s->whole[c];
+			var[n + c] = s->local[c];
+			to[n + c] = i ? other[c] : out[0][c];
+			to_var[n + c] = i ? other_var[c] : out_var[0][c];
+		}
+		rc = gd_nlm_run(&job, &s->conf->nlm, s->report, s->err);
+	}
+	for (int c = 0; c < n && rc == GD_OK; c++) {
+		average_into(out[0][c], other[c]);
+		average_into(out_var[0][c], other_var[c]);
+	}
+	return rc;
 }
 
 static int write_features(struct stage *s)
 {
+	static const char *const layer[] = { "feature", "half0.feature", "half1.feature" };
+	struct gd_plane out[3][3], out_var[3][3];
+	struct gd_nlm_job job = { s->n, s->n, s->whole, s->local, s->whole, s->local, out[0], out_var[0] };
+	const int layers = s->result->halves ? 3 : 1;
 	double start = gd_seconds();
-	int rc = write_feature(s, "feature", s->whole, s->local, s->whole);
+	int rc = GD_OK;
 
-	if (rc == GD_OK && s->result->halves)
-		rc = write_feature(s, "half0.feature", s->half[0], s->half_local, s->half[1]);
-	if (rc == GD_OK && s->result->halves)
-		rc = write_feature(s, "half1.feature", s->half[1], s->half_local, s->half[0]);
+	for (int i = 0; i < layers && rc == GD_OK; i++)
+		rc = add_feature(s, layer[i], out[i], out_var[i]);
+	if (rc != GD_OK)
+		return rc;
 	s->result->filtered = s->conf->filter && s->has_local;
+	if (s->result->filtered && s->result->halves)
+		rc = filter_crossed(s, out, out_var);
+	else if (s->result->filtered)
+		rc = gd_nlm_run(&job, &s->conf->nlm, s->report, s->err);
+	else
+		for (int i = 0; i < layers; i++)
+			copy_feature(s, out[i], out_var[i], i ? s->half[i - 1] : s->whole,
+				     i ? s->half_local : s->local);
 	s->result->filter_seconds = gd_seconds() - start;
 	return rc;
 }
@@ -585,12 +649,6 @@ static int open_noisy(struct stage *s, struct noisy *f, const char *layer)
 	if (rc == GD_OK)
 		rc = gd_layer_add(&s->tmp, name, f->n, f->out_var, s->err);
 	return rc;
-}
-
-static void copy_plane(struct gd_plane to, struct gd_plane from)
-{
-	for (int y = 0; y < to.h; y++)
-		memcpy(gd_row(to, y), gd_row(from, y), (size_t)to.w * sizeof(float));
 }
 
 static bool all_zero(const struct gd_plane *p, int n)

@@ -2,7 +2,8 @@
 /*
  * The feature stage: an image made from the gradients, for the regression to lean on.
  *
- *	feature		from all bins, bagged (boot.h) or a single solve, then non-local means
+ *	feature		from all bins, bagged (boot.h) or a single solve, then non-local means with the
+ *			weights of either half, and the mean of the two
  *	half0.feature	from the even bins, filtered with weights from the odd ones
  *	half1.feature	the other way round
  *	half0.R ...	means of the even and odd bins of the colour
