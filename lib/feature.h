@@ -36,7 +36,8 @@ struct gd_feature_conf {
 
 #define GD_FEATURE_DEFAULTS ((struct gd_feature_conf){ \
 	.solve = GD_FEATURE_WLS, .bagging = true, .filter = true, .boot = GD_BOOT_DEFAULTS, \
-	.nlm = GD_NLM_DEFAULTS, .nlm_layers = GD_NLM_DEFAULTS })
+	.nlm = GD_NLM_DEFAULTS, \
+	.nlm_layers = { .patch = 3, .window = 5, .k = 0.85, .eps = 1e-6 } })
 
 struct gd_feature_result {
 	int bins;		/* of the gradients, 0: none */

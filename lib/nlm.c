@@ -20,9 +20,9 @@
 #define BATCH 256	/* tiles between two reports of progress */
 #define BUCKETS 65536
 
-/* How a plane goes into a tile: multiplied by the two powers of two, then cut. */
+/* How a plane goes into a tile: less an offset, multiplied by the two powers of two, then cut. */
 struct scaling {
-	float by, by2, lo, hi;
+	float offset, by, by2, lo, hi;
 };
 
 struct run {
@@ -31,7 +31,7 @@ struct run {
 	const struct gd_nlm_kernel *kernel;
 	int w, h, across, down;		/* pixels; tiles */
 	struct scaling guide[GD_NLM_PLANES], guide_var[GD_NLM_PLANES];
-	float eps[GD_NLM_PLANES];
+	float noise[GD_NLM_PLANES];	/* e / k^2 of the scaled guides */
 	size_t stride;			/* floats per row of a tile with what is around it */
 };
 
@@ -113,10 +113,11 @@ static double moments(struct gd_plane p, double lo, double hi, double *var)
 		const float *row = gd_row(p, y);
 
 		for (int x = 0; x < p.w; x++) {
-			double d = fmin(fmax(row[x], lo), hi) - middle;
+			double d = row[x];
 
 			if (!isfinite(row[x]))
 				continue;
+			d = (d < lo ? lo : d > hi ? hi : d) - middle;
 			sum += d;
 			square += d * d;
 			n += 1.0;
@@ -132,15 +133,17 @@ static double moments(struct gd_plane p, double lo, double hi, double *var)
 
 /*
  * Variance of the plane between its percentiles; where these coincide (most of the image black),
- * between those of the rest; where there is no rest, the mean of the noise variance.
+ * between those of the rest; where there is no rest, the mean of the noise variance. *middle lies
+ * between the percentiles.
  */
-static double spread(struct gd_plane p, struct gd_plane noise, uint32_t *count)
+static double spread(struct gd_plane p, struct gd_plane noise, uint32_t *count, float *middle)
 {
 	float edge[2] = { 0.0f, 0.0f };
 	double var = 0.0;
 
 	if (percentiles(p, NAN, count, edge) && edge[0] == edge[1])
 		percentiles(p, edge[0], count, edge);
+	*middle = 0.5f * edge[0] + 0.5f * edge[1];
 	if (edge[0] < edge[1])
 		moments(p, edge[0], edge[1], &var);
 	if (var <= 0.0 && noise.v)
@@ -149,18 +152,21 @@ static double spread(struct gd_plane p, struct gd_plane noise, uint32_t *count)
 }
 
 /* Multiplication by 2^e in two steps, each of which is a normal float. */
-static struct scaling scaling_of(int e, float lo, float hi)
+static struct scaling scaling_of(float offset, int e, float lo, float hi)
 {
-	return (struct scaling){ ldexpf(1.0f, e / 2), ldexpf(1.0f, e - e / 2), lo, hi };
+	return (struct scaling){ offset, ldexpf(1.0f, e / 2), ldexpf(1.0f, e - e / 2), lo, hi };
 }
 
-static void scale_guide(struct run *r, int c, double var)
+static void scale_guide(struct run *r, int c, uint32_t *count)
 {
+	float middle;
+	double var = spread(r->job->guide[c], r->job->guide_var[c], count, &middle);
 	int e = var > 0.0 ? -(int)lrint(0.5 * log2(var)) : 0;
 
-	r->guide[c] = scaling_of(e, -GD_NLM_LIMIT, GD_NLM_LIMIT);
-	r->guide_var[c] = scaling_of(2 * e, 0.0f, GD_NLM_LIMIT * GD_NLM_LIMIT);
-	r->eps[c] = (float)(var > 0.0 ? r->conf->eps * ldexp(var, 2 * e) : r->conf->eps);
+	r->guide[c] = scaling_of(middle, e, -GD_NLM_LIMIT, GD_NLM_LIMIT);
+	r->guide_var[c] = scaling_of(0.0f, 2 * e, 0.0f, GD_NLM_LIMIT * GD_NLM_LIMIT);
+	r->noise[c] = (float)(r->conf->eps / (r->conf->k * r->conf->k) * (var > 0.0 ? ldexp(var, 2 * e) : 1.0));
+	r->noise[c] = r->noise[c] > GD_NLM_NOISE ? r->noise[c] : GD_NLM_NOISE;
 }
 
 static int scale_guides(struct run *r, struct gd_err *err)
@@ -173,7 +179,7 @@ static int scale_guides(struct run *r, struct gd_err *err)
 		uint32_t *count = gd_alloc(3 * BUCKETS, sizeof *count);
 
 		if (count)
-			scale_guide(r, c, spread(r->job->guide[c], r->job->guide_var[c], count));
+			scale_guide(r, c, count);
 		else
 			lost |= 1;
 		free(count);
@@ -216,7 +222,7 @@ static float largest_around(struct gd_plane p, int x, int y)
 
 static float scaled(float x, const struct scaling *s)
 {
-	float y = x * s->by * s->by2;
+	float y = (x - s->offset) * s->by * s->by2;
 
 	y = y > s->lo ? y : s->lo;
 	return y < s->hi ? y : s->hi;
@@ -249,7 +255,7 @@ static int load_plane(const struct run *r, const struct region *g, float *to, st
 
 		if (from.v)
 			found |= r->kernel->load(row, gd_row(from, g->y + y) + g->x + g->x0,
-						 g->x1 - g->x0, s->by, s->by2, s->lo, s->hi);
+						 g->x1 - g->x0, s->offset, s->by, s->by2, s->lo, s->hi);
 		else
 			memset(row, 0, (size_t)(g->x1 - g->x0) * sizeof *row);
 	}
@@ -293,8 +299,8 @@ static int load_input(const struct run *r, const struct gd_nlm_tile *t, int c)
 	int e = 0, found;
 
 	for (;;) {
-		struct scaling s = { ldexpf(1.0f, e), 1.0f, -FLT_MAX, FLT_MAX };
-		struct scaling s_var = { ldexpf(1.0f, e), 1.0f, 0.0f, ldexpf(FLT_MAX, e) };
+		struct scaling s = { 0.0f, ldexpf(1.0f, e), 1.0f, -FLT_MAX, FLT_MAX };
+		struct scaling s_var = { 0.0f, ldexpf(1.0f, e), 1.0f, 0.0f, ldexpf(FLT_MAX, e) };
 
 		found = load_plane(r, &g, t->in[c], from, &s);
 		if (t->in_var[c])
@@ -307,6 +313,15 @@ static int load_input(const struct run *r, const struct gd_nlm_tile *t, int c)
 	}
 }
 
+/*
+ * Floats on either side of a tile's rows: what patches and shifts reach, and a vector more, since
+ * distances are computed for whole vectors. They hold finite numbers from the start.
+ */
+static size_t margin(const struct gd_nlm_conf *conf)
+{
+	return (size_t)(conf->patch + conf->window + 8 + 15) / 16 * 16;
+}
+
 /* Rows of floats that lay_out() hands out. */
 static size_t work_rows(const struct run *r)
 {
@@ -314,14 +329,13 @@ static size_t work_rows(const struct run *r)
 	const size_t inputs = (size_t)r->job->n * (r->job->out_var ? 2 : 1);
 
 	return 2 * (size_t)r->job->nguide * (TILE_H + 2 * (f + reach)) +
-	       inputs * (2 * TILE_H + 2 * reach) + TILE_H + 2 * f + 4;
+	       inputs * (2 * TILE_H + 2 * reach) + TILE_H + 1 + GD_NLM_GROUP * (2 * f + 3);
 }
 
 /* The next rows of the work space; the pointer is that of the first pixel below the rows above. */
 static float *rows_of(const struct run *r, float **work, size_t rows, size_t above)
 {
-	const size_t reach = (size_t)(r->conf->patch + r->conf->window);
-	float *first = *work + above * r->stride + (reach + 15) / 16 * 16;
+	float *first = *work + above * r->stride + margin(r->conf);
 
 	*work += (rows + 2 * above) * r->stride;
 	return first;
@@ -346,9 +360,9 @@ static void lay_out(const struct run *r, struct gd_nlm_tile *t, float *work)
 	}
 	t->sum_weight = rows_of(r, &work, TILE_H, 0);
 	t->dist = rows_of(r, &work, 1, 0);
-	t->ring = rows_of(r, &work, 2 * f + 1, 0);
-	t->weight = rows_of(r, &work, 1, 0);
-	t->share = rows_of(r, &work, 1, 0);
+	t->ring = rows_of(r, &work, GD_NLM_GROUP * (2 * f + 1), 0);
+	t->weight = rows_of(r, &work, GD_NLM_GROUP, 0);
+	t->share = rows_of(r, &work, GD_NLM_GROUP, 0);
 }
 
 static void filter_tile(const struct run *r, struct gd_nlm_tile *t, int index)
@@ -382,9 +396,10 @@ static struct gd_nlm_tile tile_of(const struct run *r)
 {
 	struct gd_nlm_tile t = { .patch = r->conf->patch, .window = r->conf->window,
 				 .nguide = r->job->nguide, .n = r->job->n, .stride = r->stride,
-				 .k2 = (float)(r->conf->k * r->conf->k) };
+				 .scale = (float)(1.0 / (r->conf->k * r->conf->k)),
+				 .far = (float)(GD_NLM_FAR * r->conf->k * r->conf->k) };
 
-	memcpy(t.eps, r->eps, sizeof t.eps);
+	memcpy(t.noise, r->noise, sizeof t.noise);
 	return t;
 }
 
@@ -472,7 +487,7 @@ int gd_nlm_run(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf,
 	r.h = job->guide[0].h;
 	r.across = (r.w + TILE_W - 1) / TILE_W;
 	r.down = (r.h + TILE_H - 1) / TILE_H;
-	r.stride = TILE_W + 2 * (size_t)((conf->patch + conf->window + 15) / 16 * 16);
+	r.stride = TILE_W + 2 * margin(conf);
 	rc = scale_guides(&r, err);
 	if (rc == GD_OK)
 		rc = filter(&r, report, err);

@@ -15,14 +15,15 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
-static int load(float *to, const float *from, int n, float scale, float scale2, float lo, float hi)
+static int load(float *to, const float *from, int n, float offset, float scale, float scale2, float lo,
+		float hi)
 {
 	int found = 0;
 
 #pragma omp simd reduction(| : found)
 	for (int i = 0; i < n; i++) {
 		float x = from[i];
-		float y = x * scale * scale2;
+		float y = (x - offset) * scale * scale2;
 
 		found |= fabsf(x) <= FLT_MAX ? 0 : GD_NLM_BAD;
 		found |= fabsf(x) <= GD_NLM_ROOM ? 0 : GD_NLM_HUGE;
@@ -32,64 +33,75 @@ static int load(float *to, const float *from, int n, float scale, float scale2, 
 	return found;
 }
 
-INLINE float distance(float u, float v, float uq, float vq, float k2, float eps)
+/* One plane's share of a distance is above / below, for below = noise + v_p + v_q > 0. */
+INLINE float above(float u, float v, float uq, float vq, float below, float far)
 {
-	float diff = u - uq;
-	float least = v < vq ? v : vq;
-	float d = (diff * diff - (v + least)) / (eps + k2 * (v + vq));
+	float diff = u - uq, least = v < vq ? v : vq;
+	float a = diff * diff - (v + least), most = far * below;
 
-	return d < GD_NLM_FAR ? d : GD_NLM_FAR;
+	return a < most ? a : most;
 }
 
 /* d (+)= distances of n pixels in one plane of the guide; all pointers at the first of them. */
 INLINE void distances(float *d, bool add, const float *u, const float *v, const float *uq,
-		      const float *vq, int n, float k2, float eps)
+		      const float *vq, int n, float noise, float far)
 {
 #pragma omp simd
-	for (int x = 0; x < n; x++)
-		d[x] = (add ? d[x] : 0.0f) + distance(u[x], v[x], uq[x], vq[x], k2, eps);
+	for (int x = 0; x < n; x++) {
+		float b = noise + (v[x] + vq[x]);
+
+		d[x] = (add ? d[x] : 0.0f) + above(u[x], v[x], uq[x], vq[x], b, far) / b;
+	}
 }
 
-/* The same for the three planes of a colour at once. */
+/*
+ * The same for the three planes of a colour at once, over their common denominator: divisions are
+ * what takes long. The limits of guides and noise keep the product of three in the range of floats.
+ */
 INLINE void distances3(float *d, const struct gd_nlm_tile *t, ptrdiff_t p, ptrdiff_t q, int n)
 {
 	const float *u0 = t->guide[0] + p, *u1 = t->guide[1] + p, *u2 = t->guide[2] + p;
 	const float *v0 = t->guide_var[0] + p, *v1 = t->guide_var[1] + p, *v2 = t->guide_var[2] + p;
 	const float *s0 = t->guide[0] + q, *s1 = t->guide[1] + q, *s2 = t->guide[2] + q;
 	const float *r0 = t->guide_var[0] + q, *r1 = t->guide_var[1] + q, *r2 = t->guide_var[2] + q;
-	const float k2 = t->k2, e0 = t->eps[0], e1 = t->eps[1], e2 = t->eps[2];
+	const float e0 = t->noise[0], e1 = t->noise[1], e2 = t->noise[2];
+	const float far = t->far;
 
 #pragma omp simd
-	for (int x = 0; x < n; x++)
-		d[x] = distance(u0[x], v0[x], s0[x], r0[x], k2, e0) +
-		       distance(u1[x], v1[x], s1[x], r1[x], k2, e1) +
-		       distance(u2[x], v2[x], s2[x], r2[x], k2, e2);
+	for (int x = 0; x < n; x++) {
+		float b0 = e0 + (v0[x] + r0[x]), b1 = e1 + (v1[x] + r1[x]), b2 = e2 + (v2[x] + r2[x]);
+		float a0 = above(u0[x], v0[x], s0[x], r0[x], b0, far);
+		float a1 = above(u1[x], v1[x], s1[x], r1[x], b1, far);
+		float a2 = above(u2[x], v2[x], s2[x], r2[x], b2, far);
+		float b01 = b0 * b1;
+
+		d[x] = ((a0 * b1 + a1 * b0) * b2 + a2 * b01) / (b01 * b2);
+	}
 }
 
 /* dist[x0 .. x1] of row y against the row shifted by (dx, dy); 0 where either pixel is outside. */
 static void distance_row(const struct gd_nlm_tile *t, int y, int dx, int dy, int x0, int x1)
 {
-	int lo = t->left - (dx < 0 ? dx : 0), hi = t->right - (dx > 0 ? dx : 0);
+	int lo = t->left - (dx < 0 ? dx : 0), hi = t->right - (dx > 0 ? dx : 0), n;
 	float *d = t->dist;
 
 	lo = lo > x0 ? lo : x0;
 	hi = hi < x1 ? hi : x1;
+
+	ptrdiff_t p = y * (ptrdiff_t)t->stride + lo, q = p + dy * (ptrdiff_t)t->stride + dx;
+
+	n = (hi - lo + 7) & ~7;		/* whole vectors; the rows have room for it */
+	if (t->nguide == 3) {
+		distances3(d + lo, t, p, q, n);
+	} else {
+		for (int c = 0; c < t->nguide; c++)
+			distances(d + lo, c > 0, t->guide[c] + p, t->guide_var[c] + p, t->guide[c] + q,
+				  t->guide_var[c] + q, n, t->noise[c], t->far);
+	}
 	for (int x = x0; x < lo; x++)
 		d[x] = 0.0f;
 	for (int x = hi; x < x1; x++)
 		d[x] = 0.0f;
-
-	ptrdiff_t p = y * (ptrdiff_t)t->stride + lo, q = p + dy * (ptrdiff_t)t->stride + dx;
-
-	if (t->nguide == 3) {
-		distances3(d + lo, t, p, q, hi - lo);
-		return;
-	}
-	distances(d + lo, false, t->guide[0] + p, t->guide_var[0] + p, t->guide[0] + q,
-		  t->guide_var[0] + q, hi - lo, t->k2, t->eps[0]);
-	for (int c = 1; c < t->nguide; c++)
-		distances(d + lo, true, t->guide[c] + p, t->guide_var[c] + p, t->guide[c] + q,
-			  t->guide_var[c] + q, hi - lo, t->k2, t->eps[c]);
 }
 
 /* out[x] = sum of row[x - radius .. x + radius] */
@@ -97,58 +109,88 @@ INLINE void sum_along(float *restrict out, const float *restrict row, int radius
 {
 #pragma omp simd
 	for (int x = x0; x < x1; x++) {
-		float s = row[x - radius];
+		float s = row[x];
 
-		for (int o = 1 - radius; o <= radius; o++)
-			s += row[x + o];
+		for (int o = 1; o <= radius; o++)
+			s += row[x - o] + row[x + o];
 		out[x] = s;
 	}
 }
 
-/* weight[x] = exp(-max(0, mean distance of the patch around x)); ring holds the rows of the patch. */
-INLINE void weigh(const struct gd_nlm_tile *t, int rows, float share_y, int x0, int x1)
+/*
+ * w[x] = exp(-max(0, mean distance of the patch around x)) for x0 <= x < x1, 0 in the rest of the
+ * tile's row; ring holds the patch's rows of sums; share has the half of their mean's factor, since
+ * 2 max(0, s) = s + |s|.
+ */
+INLINE void weigh(float *restrict w, const struct gd_nlm_tile *t, const float *restrict ring,
+		  const float *restrict share, int rows, float share_y, int x0, int x1)
 {
-	const float *restrict ring = t->ring, *restrict share = t->share;
-	float *restrict w = t->weight;
 	const size_t stride = t->stride;
 
+	for (int x = 0; x < x0; x++)
+		w[x] = 0.0f;
+	for (int x = x1; x < t->w; x++)
+		w[x] = 0.0f;
 #pragma omp simd
 	for (int x = x0; x < x1; x++) {
 		float s = ring[x];
 
-		for (int o = 1; o < rows; o++)
-			s += ring[(size_t)o * stride + x];
+		for (int o = 1; o < rows; o += 2)
+			s += ring[(size_t)o * stride + x] + ring[(size_t)(o + 1) * stride + x];
 		s *= share[x] * share_y;
-		w[x] = gd_expf(s > 0.0f ? -s : 0.0f);
+		w[x] = gd_expf_minus(s + fabsf(s));
 	}
 }
 
-/* Adds the weighted pixels of row y + dy, shifted by dx, to the sums of row y. */
-static void accumulate(const struct gd_nlm_tile *t, int y, int dx, int dy, int x0, int x1)
+/* Adds the pixels q of count shifts in a row, dx, dx + 1 ..., to a row of sums. */
+INLINE void add_values(float *restrict sum, const float *restrict u, const float *restrict q,
+		       const float *restrict w, size_t stride, int count, int n)
+{
+#pragma omp simd
+	for (int x = 0; x < n; x++) {
+		float s = sum[x], centre = u[x];
+
+		for (int i = 0; i < count; i++)
+			s += w[(size_t)i * stride + x] * (q[x + i] - centre);
+		sum[x] = s;
+	}
+}
+
+INLINE void add_variances(float *restrict sum, const float *restrict q, const float *restrict w,
+			  size_t stride, int count, int n)
+{
+#pragma omp simd
+	for (int x = 0; x < n; x++) {
+		float s = sum[x];
+
+		for (int i = 0; i < count; i++)
+			s += w[(size_t)i * stride + x] * (w[(size_t)i * stride + x] * q[x + i]);
+		sum[x] = s;
+	}
+}
+
+INLINE void add_weights(float *restrict sum, const float *restrict w, size_t stride, int count, int n)
+{
+#pragma omp simd
+	for (int x = 0; x < n; x++) {
+		float s = sum[x];
+
+		for (int i = 0; i < count; i++)
+			s += w[(size_t)i * stride + x];
+		sum[x] = s;
+	}
+}
+
+INLINE void accumulate(const struct gd_nlm_tile *t, int y, int dx, int dy, int count)
 {
 	const ptrdiff_t at = y * (ptrdiff_t)t->stride, to = at + dy * (ptrdiff_t)t->stride + dx;
-	const float *restrict w = t->weight;
-	float *restrict sum_weight = t->sum_weight + at;
 
-#pragma omp simd
-	for (int x = x0; x < x1; x++)
-		sum_weight[x] += w[x];
+	add_weights(t->sum_weight + at, t->weight, t->stride, count, t->w);
 	for (int c = 0; c < t->n; c++) {
-		const float *restrict u = t->in[c] + at, *restrict q = t->in[c] + to;
-		float *restrict sum = t->sum[c] + at;
-
-#pragma omp simd
-		for (int x = x0; x < x1; x++)
-			sum[x] += w[x] * (q[x] - u[x]);
-		if (!t->in_var[c])
-			continue;
-
-		const float *restrict v = t->in_var[c] + to;
-		float *restrict sum_var = t->sum_var[c] + at;
-
-#pragma omp simd
-		for (int x = x0; x < x1; x++)
-			sum_var[x] += w[x] * w[x] * v[x];
+		add_values(t->sum[c] + at, t->in[c] + at, t->in[c] + to, t->weight, t->stride, count, t->w);
+		if (t->in_var[c])
+			add_variances(t->sum_var[c] + at, t->in_var[c] + to, t->weight, t->stride, count,
+				      t->w);
 	}
 }
 
@@ -162,40 +204,63 @@ static int patch_pixels(int at, int radius, int first, int end, int shift)
 	return hi - lo;
 }
 
-static void shift_sums(const struct gd_nlm_tile *t, int dx, int dy)
+/* The pixels of the tile's row that have a partner at dx: *x0 <= x < *x1. */
+static void partners(const struct gd_nlm_tile *t, int dx, int *x0, int *x1)
 {
-	const int f = t->patch, rows = 2 * f + 1;
-	const int x0 = t->left - dx > 0 ? t->left - dx : 0;
-	const int x1 = t->right - dx < t->w ? t->right - dx : t->w;
+	*x0 = t->left - dx > 0 ? t->left - dx : 0;
+	*x1 = t->right - dx < t->w ? t->right - dx : t->w;
+	if (*x1 < *x0)
+		*x0 = *x1 = 0;
+}
+
+/* The row sums of distances that come in with row y of the guide. */
+INLINE void next_row(const struct gd_nlm_tile *t, float *sums, int y, int dx, int dy, int f)
+{
+	int x0, x1;
+
+	partners(t, dx, &x0, &x1);
+	if (y < t->top || y >= t->bottom || y + dy < t->top || y + dy >= t->bottom) {
+		memset(sums + x0, 0, (size_t)(x1 - x0) * sizeof *sums);
+	} else if (x0 < x1) {
+		distance_row(t, y, dx, dy, x0 - f, x1 + f);
+		sum_along(sums, t->dist, f, x0, x1);
+	}
+}
+
+/*
+ * Up to GD_NLM_GROUP shifts dx, dx + 1 ... of one dy go together, so that the sums of values need to be
+ * loaded and stored only once for all of them.
+ */
+INLINE void shift_sums(const struct gd_nlm_tile *t, int dx, int dy, int f, int count)
+{
+	const int rows = 2 * f + 1;
 	const int y0 = t->top - dy > 0 ? t->top - dy : 0;
 	const int y1 = t->bottom - dy < t->h ? t->bottom - dy : t->h;
+	const size_t stride = t->stride;
+	int x0, x1;
 
-	if (x0 >= x1 || y0 >= y1)
-		return;
-	for (int x = x0; x < x1; x++)
-		t->share[x] = 1.0f / (float)(t->nguide * patch_pixels(x, f, t->left, t->right, dx));
+	for (int i = 0; i < count; i++) {
+		partners(t, dx + i, &x0, &x1);
+		for (int x = x0; x < x1; x++)
+			t->share[(size_t)i * stride + x] = 0.5f * t->scale /
+				(float)(t->nguide * patch_pixels(x, f, t->left, t->right, dx + i));
+	}
 	for (int y = y0 - f; y < y1 + f; y++) {
-		float *sums = t->ring + (size_t)((y - y0 + f) % rows) * t->stride;
+		const int slot = (y - y0 + f) % rows;
 
-		if (y < t->top || y >= t->bottom || y + dy < t->top || y + dy >= t->bottom) {
-			memset(sums + x0, 0, (size_t)(x1 - x0) * sizeof *sums);
-		} else {
-			distance_row(t, y, dx, dy, x0 - f, x1 + f);
-			if (f == 3)
-				sum_along(sums, t->dist, 3, x0, x1);
-			else
-				sum_along(sums, t->dist, f, x0, x1);
-		}
+		for (int i = 0; i < count; i++)
+			next_row(t, t->ring + (size_t)(i * rows + slot) * stride, y, dx + i, dy, f);
 		if (y < y0 + f)
 			continue;
 
 		float share_y = 1.0f / (float)patch_pixels(y - f, f, t->top, t->bottom, dy);
 
-		if (f == 3)
-			weigh(t, 7, share_y, x0, x1);
-		else
-			weigh(t, rows, share_y, x0, x1);
-		accumulate(t, y - f, dx, dy, x0, x1);
+		for (int i = 0; i < count; i++) {
+			partners(t, dx + i, &x0, &x1);
+			weigh(t->weight + (size_t)i * stride, t, t->ring + (size_t)(i * rows) * stride,
+			      t->share + (size_t)i * stride, rows, share_y, x0, x1);
+		}
+		accumulate(t, y - f, dx, dy, count);
 	}
 }
 
@@ -211,9 +276,17 @@ static void sums(const struct gd_nlm_tile *t)
 				memset(t->sum_var[c] + at, 0, bytes);
 		}
 	}
-	for (int dy = -t->window; dy <= t->window; dy++)
-		for (int dx = -t->window; dx <= t->window; dx++)
-			shift_sums(t, dx, dy);
+	for (int dy = -t->window; dy <= t->window; dy++) {
+		int dx = -t->window;
+
+		/* the usual window of 11 in groups of 4, 4 and 3; other patches one by one */
+		for (; t->patch == 3 && dx + 3 <= t->window; dx += 4)
+			shift_sums(t, dx, dy, 3, 4);
+		for (; t->patch == 3 && dx + 2 <= t->window; dx += 3)
+			shift_sums(t, dx, dy, 3, 3);
+		for (; dx <= t->window; dx++)
+			shift_sums(t, dx, dy, t->patch, 1);
+	}
 }
 
 static void mean(const struct gd_nlm_tile *t, int plane, int y, float scale, float *restrict out)

@@ -8,9 +8,10 @@
 
 #define GD_NLM_FAR	1e7f	/* distances of pixels are cut here: one such in a patch is enough, even
 				 * with 16 planes of 33 x 33, since exp(-1e7 / 17424) is 0 */
-#define GD_NLM_LIMIT	1e15f	/* guides are cut here, in their own standard deviations, so that
-				 * squares stay far below the largest float */
-
+#define GD_NLM_LIMIT	1e5f	/* guides are cut here, in their own standard deviations, and their
+				 * variances at its square: products of three stay floats */
+#define GD_NLM_NOISE	1e-10f	/* the least noise, for the same reason */
+#define GD_NLM_GROUP	4	/* neighbouring shifts that are treated together */
 #define GD_NLM_BAD	1
 #define GD_NLM_HUGE	2
 #define GD_NLM_ROOM	1e33f	/* above: 65 x 65 values could add up to more than the largest float */
@@ -21,19 +22,22 @@ struct gd_nlm_tile {
 	int left, right, top, bottom;	/* the image is left <= x < right, top <= y < bottom */
 	int patch, window, nguide, n;
 	size_t stride;
-	float k2, eps[GD_NLM_PLANES];
+	float scale, far;		/* of all distances: 1 / k^2, and GD_NLM_FAR before that */
+	float noise[GD_NLM_PLANES];	/* e / k^2 */
 	float *guide[GD_NLM_PLANES], *guide_var[GD_NLM_PLANES];	/* patch + window more pixels around */
 	float *in[GD_NLM_PLANES], *in_var[GD_NLM_PLANES];	/* window more pixels around; the
 								 * variances may be NULL */
 	float *sum[GD_NLM_PLANES], *sum_var[GD_NLM_PLANES];	/* w x h, sums of weighted values */
 	float *sum_weight;
-	float *dist, *ring, *weight, *share;	/* scratch rows: 1, 2 patch + 1, 1 and 1 */
+	float *dist, *ring, *weight, *share;	/* scratch rows: 1, and for each shift of a group
+						 * 2 patch + 1, 1 and 1 */
 };
 
 struct gd_nlm_kernel {
-	/* to = scale * scale2 * from, cut to lo .. hi; returns GD_NLM_BAD if a value is not finite,
+	/* to = scale * scale2 * (from - offset), cut to lo .. hi; returns GD_NLM_BAD if a value is not finite,
 	 * with GD_NLM_HUGE if one is so large that sums could overflow. */
-	int (*load)(float *to, const float *from, int n, float scale, float scale2, float lo, float hi);
+	int (*load)(float *to, const float *from, int n, float offset, float scale, float scale2, float lo,
+		    float hi);
 	/* Zeroes the sums and adds up all shifts of the window. */
 	void (*sums)(const struct gd_nlm_tile *t);
 	/* out = scale (centre + sum / weight) */
