@@ -144,7 +144,7 @@ static int want_layer(const char *layer, void *user, struct gd_err *err)
 	char half[256];
 
 	if (!gd_layer_want(im, layer, GD_READ))
-		return missing(im, layer, err);
+		return gd_fail(err, GD_ESHAPE, "no channel %s (nor .R .G .B, .X .Y .Z of it)", layer);
 	gd_layer_want_variance(im, layer, GD_READ);
 	for (int i = 0; i < 2; i++) {
 		layer_name(half, "half", i, layer);
