@@ -27,20 +27,24 @@ static int parse_spp(const char *text, double *spp, int n, struct gd_err *err)
 		errno = 0;
 		spp[k] = strtod(s, &end);
 		if (end == s || errno || !(spp[k] > 0) || !(spp[k] <= 1e9) || (*end && *end != ','))
-			return gd_fail(err, GD_EARG, "option --spp: '%s' is no list of numbers above 0, up to 1e9", text);
+			return gd_fail(err, GD_EARG, "option --spp: '%s' is no list of numbers "
+				       "above 0, up to 1e9", text);
 		k++;
 		s = *end ? end + 1 : NULL;
 	}
 	if (text && (s || (k != 1 && k != n)))
-		return gd_fail(err, GD_EARG, "option --spp: '%s' is not one number, nor %d of them", text, n);
+		return gd_fail(err, GD_EARG, "option --spp: '%s' is not one number, nor %d of them",
+			       text, n);
 	for (int i = 1; k == 1 && i < n; i++)
 		spp[i] = spp[0];
 	return GD_OK;
 }
 
-/* Which channel was taken for what: in full with -v, in one line where names had to be translated. */
-static int tell_names(struct gd_cli *cli, const struct gd_image *im, const struct gd_names_conf *conf,
-		      struct gd_err *err)
+/*
+ * Which channel was taken for what: in full with -v, in one line where names had to be translated.
+ */
+static int tell_names(struct gd_cli *cli, const struct gd_image *im,
+		      const struct gd_names_conf *conf, struct gd_err *err)
 {
 	struct gd_names names = { 0 };
 	char line[2048] = "", what[600];
@@ -53,25 +57,27 @@ static int tell_names(struct gd_cli *cli, const struct gd_image *im, const struc
 		const char *role = l->role == GD_ROLE_VARIANCE ? " variance" : "";
 
 		gd_named_describe(l, im, what, sizeof what);
-		if (l->role == GD_ROLE_MEAN || l->role == GD_ROLE_VARIANCE || l->role == GD_ROLE_SAMPLES)
+		if (l->role == GD_ROLE_MEAN || l->role == GD_ROLE_VARIANCE ||
+		    l->role == GD_ROLE_SAMPLES)
 			gd_note(&cli->report, "%s%s from %s", name, role, what);
 		else
-			gd_note(&cli->report, "%s %s", what, l->role == GD_ROLE_PASS ? "passes as it is in the first input" :
-				"is dropped");
+			gd_note(&cli->report, "%s %s", what,
+				l->role == GD_ROLE_PASS ? "passes as it is in the first input"
+							: "is dropped");
 		if (l->renamed && used < sizeof line)
-			used += (size_t)snprintf(line + used, sizeof line - used, "%s%s%s from %s", used ? ", " : "",
-						 name, role, what);
+			used += (size_t)snprintf(line + used, sizeof line - used, "%s%s%s from %s",
+						 used ? ", " : "", name, role, what);
 	}
 	if (*line && !cli->quiet && !cli->verbose)
-		fprintf(stderr, "%s: names of %s: %s (variance: %s)\n", cli->cmd->name, gd_preset_name(names.preset),
-			line, gd_variance_name(names.variance));
+		fprintf(stderr, "%s: names of %s: %s (variance: %s)\n", cli->cmd->name,
+			gd_preset_name(names.preset), line, gd_variance_name(names.variance));
 	gd_cli_stat_text(cli, "names", gd_preset_name(names.preset));
 	gd_names_free(&names);
 	return rc;
 }
 
-static int survey(struct gd_cli *cli, struct gd_merge *m, const struct gd_merge_conf *conf, char **input, int n,
-		  const double *spp, struct held *held, struct gd_err *err)
+static int survey(struct gd_cli *cli, struct gd_merge *m, const struct gd_merge_conf *conf,
+		  char **input, int n, const double *spp, struct held *held, struct gd_err *err)
 {
 	int rc = GD_OK;
 
@@ -83,7 +89,8 @@ static int survey(struct gd_cli *cli, struct gd_merge *m, const struct gd_merge_
 			return gd_fail(err, GD_EARG, "standard input is named twice");
 		rc = gd_cli_open(cli, &file, &im, input[i], err);
 		if (rc == GD_OK)
-			rc = gd_merge_survey(m, &im, strcmp(input[i], "-") ? input[i] : "stdin", spp[i], err);
+			rc = gd_merge_survey(m, &im, strcmp(input[i], "-") ? input[i] : "stdin",
+					     spp[i], err);
 		if (rc == GD_OK && i == 0)
 			rc = tell_names(cli, &im, &conf->names, err);
 		if (rc == GD_OK && !strcmp(input[i], "-")) {
@@ -134,15 +141,19 @@ static void tell_result(struct gd_cli *cli, const struct gd_merge_result *r)
 	if (r->spread_ratio > 0)
 		gd_cli_stat(cli, "spread_ratio", r->spread_ratio);
 	if (r->dropped)
-		gd_cli_warn(cli, "%zu pixels with NaN or Inf in one input left out (-v tells where)", r->dropped);
+		gd_cli_warn(cli,
+			    "%zu pixels with NaN or Inf in one input left out (-v tells where)",
+			    r->dropped);
 	if (r->empty)
 		gd_cli_warn(cli, "%zu pixels have no sample in any input and are 0", r->empty);
 	if (r->bins && r->bin_ratio > 1.5)
-		gd_cli_warn(cli, "the fullest bin has %.2g times the samples of the emptiest", r->bin_ratio);
+		gd_cli_warn(cli, "the fullest bin has %.2g times the samples of the emptiest",
+			    r->bin_ratio);
 	if (r->spread_ratio > 3 || (r->spread_ratio > 0 && r->spread_ratio < 1.0 / 3))
-		gd_cli_warn(cli, "the inputs' own standard deviation is %.2g times what their spread tells; "
-			    "is --variance right?", r->spread_ratio);
-	gd_note(&cli->report, "%d inputs, %g samples a pixel, %d bins", r->inputs, r->samples, r->bins);
+		gd_cli_warn(cli, "the inputs' own standard deviation is %.2g times what their "
+			    "spread tells; is --variance right?", r->spread_ratio);
+	gd_note(&cli->report, "%d inputs, %g samples a pixel, %d bins", r->inputs, r->samples,
+		r->bins);
 }
 
 int main(int argc, char **argv)
@@ -152,23 +163,30 @@ int main(int argc, char **argv)
 	const char *names = "auto", *variance = "auto", *spp_text = NULL;
 	const struct gd_opt opts[] = {
 		GD_OPT(0, "names", "RENDERER", &names,
-		       "whose channel names: auto, gd, pbrt, mitsuba, cycles, tungsten, arnold or renderman"),
+		       "whose channel names: auto, gd, pbrt, mitsuba, cycles, tungsten, arnold or "
+		       "renderman"),
 		GD_OPT(0, "map", "LAYER=CHANNELS", &map,
-		       "take CHANNELS (a,b,c or name.{R,G,B}) for LAYER; may be given several times"),
+		       "take CHANNELS (a,b,c or name.{R,G,B}) for LAYER; may be given several "
+		       "times"),
 		GD_OPT(0, "pass", "PATTERN", &pass,
-		       "pass channels that match as the first input has them; may be given several times"),
+		       "pass channels that match as the first input has them; may be given several "
+		       "times"),
 		GD_OPT(0, "variance", "KIND", &variance,
 		       "what the inputs' variances are: auto, mean, sample, m2 or none"),
-		GD_OPT(0, "spp", "N[,N...]", &spp_text, "samples per pixel of all inputs, or of each"),
+		GD_OPT(0, "spp", "N[,N...]", &spp_text,
+		       "samples per pixel of all inputs, or of each"),
 		GD_NUM(0, "bins", "N", &conf.bins, -1, GD_MAX_BINS,
-		       "write N bins, 0 for none, -1 for the inputs' own, else one for each input up to 16, else 8"),
-		GD_FLAG(0, "halves", &conf.halves, "write half0 and half1, the even and the odd bins"),
+		       "write N bins, 0 for none, -1 for the inputs' own, else one for each input "
+		       "up to 16, else 8"),
+		GD_FLAG(0, "halves", &conf.halves,
+			"write half0 and half1, the even and the odd bins"),
 		GD_FLAG(0, "own-edges", &conf.own_edges,
-			"a gradient has the sample count of its own pixel, not the mean of both it joins"),
+			"a gradient has the sample count of its own pixel, not the mean of both it "
+			"joins"),
 		GD_OPT_END
 	};
-	const struct gd_cmd cmd = { "gdmerge", "[input.exr ...]", "merge renders of one frame into one gd buffer",
-				    opts, 0, -1, true };
+	const struct gd_cmd cmd = { "gdmerge", "[input.exr ...]",
+				    "merge renders of one frame into one gd buffer", opts, 0, -1, true };
 	struct gd_cli cli = { 0 };
 	struct gd_err err = { 0 };
 	struct gd_merge *m = NULL;
@@ -190,9 +208,12 @@ int main(int argc, char **argv)
 	if (!spp)
 		rc = gd_fail(&err, GD_ENOMEM, "out of memory");
 	else if (!gd_preset_parse(names, &conf.names.preset))
-		rc = gd_fail(&err, GD_EARG, "option --names: '%s' is none of the renderers known", names);
+		rc = gd_fail(&err, GD_EARG, "option --names: '%s' is none of the renderers known",
+			     names);
 	else if (!gd_variance_parse(variance, &conf.names.variance))
-		rc = gd_fail(&err, GD_EARG, "option --variance: '%s' is none of auto, mean, sample, m2, none", variance);
+		rc = gd_fail(&err, GD_EARG,
+			     "option --variance: '%s' is none of auto, mean, sample, m2, none",
+			     variance);
 	if (rc == GD_OK)
 		rc = parse_spp(spp_text, spp, n, &err);
 	if (rc == GD_OK)

@@ -122,8 +122,8 @@ void gd_accum_mask(const struct gd_plane *plane, int n, struct gd_count *w)
 	}
 }
 
-void gd_accum_add(struct gd_plane mean, struct gd_plane m2, struct gd_plane x, struct gd_plane within,
-		  const struct gd_count *w, const struct gd_count *old)
+void gd_accum_add(struct gd_plane mean, struct gd_plane m2, struct gd_plane x,
+		  struct gd_plane within, const struct gd_count *w, const struct gd_count *old)
 {
 	const struct gd_accum_kernel *kernel = GD_PICK(gd_accum_kernel);
 
@@ -159,17 +159,20 @@ static inline double of_mean(double v, double mean, double n, enum gd_variance k
 }
 
 size_t gd_accum_within_variance(struct gd_plane out, struct gd_plane v, struct gd_plane mean,
-				enum gd_variance kind, bool counted, float limit, const struct gd_count *n)
+				enum gd_variance kind, bool counted, float limit,
+				const struct gd_count *n)
 {
 	size_t bad = 0;
 
 #pragma omp parallel for schedule(static) reduction(+ : bad) if (GD_ACCUM_MANY(out))
 	for (int j = 0; j < out.h; j++) {
-		const float *var = gd_row(v, j), *m = gd_row(mean, j), *count = row_or_null(n->plane, j);
+		const float *var = gd_row(v, j), *m = gd_row(mean, j),
+			    *count = row_or_null(n->plane, j);
 		float *o = gd_row(out, j);
 
 		for (int i = 0; i < out.w; i++) {
-			double k = at(count, n->all, i), s = var[i] > limit ? (double)limit : (double)var[i];
+			double k = at(count, n->all, i),
+			       s = var[i] > limit ? (double)limit : (double)var[i];
 
 			bad += isnan(var[i]) && k > 0;
 			s = k > 0 ? of_mean(s, m[i], k, kind) : 0;
@@ -179,7 +182,8 @@ size_t gd_accum_within_variance(struct gd_plane out, struct gd_plane v, struct g
 	return bad;
 }
 
-void gd_accum_within_parts(struct gd_plane out, const struct gd_plane *part, int k, const struct gd_count *n)
+void gd_accum_within_parts(struct gd_plane out, const struct gd_plane *part, int k,
+			   const struct gd_count *n)
 {
 #pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(out))
 	for (int j = 0; j < out.h; j++) {
@@ -197,7 +201,8 @@ void gd_accum_within_parts(struct gd_plane out, const struct gd_plane *part, int
 
 				sum += d * d;
 			}
-			o[i] = at(count, n->all, i) > 0 ? narrow(sum * at(count, n->all, i) / k) : 0;
+			o[i] = at(count, n->all, i) > 0 ? narrow(sum * at(count, n->all, i) / k)
+							: 0;
 		}
 	}
 }

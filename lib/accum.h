@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Weighted means and spreads that grow by one plane at a time (West 1979), with weights that may
- * differ from pixel to pixel. Arithmetic is double, storage float; what overflows float is stored as
- * the largest float. Every pixel is a computation of its own: results do not depend on threads.
+ * differ from pixel to pixel. Arithmetic is double, storage float; what overflows float is stored
+ * as the largest float. Every pixel is a computation of its own: results do not depend on threads.
  */
 #ifndef GD_ACCUM_H
 #define GD_ACCUM_H
@@ -41,21 +41,23 @@ void gd_accum_mask(const struct gd_plane *plane, int n, struct gd_count *w);
  *	m2 += within + (x - mean)^2 w old / (old + w)		(mean: as it was before)
  * m2.v and within.v may be NULL. Where w = 0, x and within may be anything.
  */
-void gd_accum_add(struct gd_plane mean, struct gd_plane m2, struct gd_plane x, struct gd_plane within,
-		  const struct gd_count *w, const struct gd_count *old);
+void gd_accum_add(struct gd_plane mean, struct gd_plane m2, struct gd_plane x,
+		  struct gd_plane within, const struct gd_count *w, const struct gd_count *old);
 
 /* sum += x */
 void gd_accum_sum(struct gd_plane sum, struct gd_plane x);
 
 /*
- * out = n (n - 1) times the variance of the mean of n samples, which v holds as kind says; with counted
- * = false n^2 times it (kind can only be GD_VARIANCE_MEAN then). Negative and NaN variances become 0,
- * infinite ones limit. Returns the number of NaN.
+ * out = n (n - 1) times the variance of the mean of n samples, which v holds as kind says; with
+ * counted = false n^2 times it (kind can only be GD_VARIANCE_MEAN then). Negative and NaN variances
+ * become 0, infinite ones limit. Returns the number of NaN.
  */
 size_t gd_accum_within_variance(struct gd_plane out, struct gd_plane v, struct gd_plane mean,
-				enum gd_variance kind, bool counted, float limit, const struct gd_count *n);
+				enum gd_variance kind, bool counted, float limit,
+				const struct gd_count *n);
 
 /* out = sum over the k parts, each a mean of n / k samples, of (n / k) (part - their mean)^2. */
-void gd_accum_within_parts(struct gd_plane out, const struct gd_plane *part, int k, const struct gd_count *n);
+void gd_accum_within_parts(struct gd_plane out, const struct gd_plane *part, int k,
+			   const struct gd_count *n);
 
 #endif

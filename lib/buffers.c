@@ -31,7 +31,8 @@ static bool bare(char dst[256], const char *layer)
 	return true;
 }
 
-static bool has_triple(const struct gd_image *im, const char *layer, int triple, struct gd_layer *found)
+static bool has_triple(const struct gd_image *im, const char *layer, int triple,
+		       struct gd_layer *found)
 {
 	for (int i = 0; i < 3; i++)
 		if (!join(found->name[i], layer, triples[triple][i]) ||
@@ -96,7 +97,8 @@ int gd_layer_want_variance(struct gd_image *im, const char *layer, enum gd_want 
 	return want_all(im, &found, want);
 }
 
-static int planes_of(const struct gd_image *im, const struct gd_layer *layer, struct gd_plane *plane)
+static int planes_of(const struct gd_image *im, const struct gd_layer *layer,
+		     struct gd_plane *plane)
 {
 	for (int i = 0; i < layer->n; i++)
 		if (!gd_image_plane(im, layer->name[i], &plane[i]))
@@ -104,7 +106,8 @@ static int planes_of(const struct gd_image *im, const struct gd_layer *layer, st
 	return layer->n;
 }
 
-int gd_layer_planes(const struct gd_image *im, const char *layer, struct gd_plane plane[GD_LAYER_PLANES])
+int gd_layer_planes(const struct gd_image *im, const char *layer,
+		    struct gd_plane plane[GD_LAYER_PLANES])
 {
 	struct gd_layer found = gd_layer_find(im, layer);
 
@@ -119,8 +122,8 @@ int gd_layer_variance_planes(const struct gd_image *im, const char *layer,
 	return planes_of(im, &found, plane);
 }
 
-int gd_layer_add(struct gd_image *im, const char *layer, int n, struct gd_plane plane[GD_LAYER_PLANES],
-		 struct gd_err *err)
+int gd_layer_add(struct gd_image *im, const char *layer, int n,
+		 struct gd_plane plane[GD_LAYER_PLANES], struct gd_err *err)
 {
 	char base[256], name[256];
 	int rc = GD_OK;

@@ -28,12 +28,14 @@ int gd_layer_want(struct gd_image *im, const char *layer, enum gd_want want);
 /* The same for its variances. */
 int gd_layer_want_variance(struct gd_image *im, const char *layer, enum gd_want want);
 /* Views of a layer's planes (read ones only); returns the number, 0 if one is missing. */
-int gd_layer_planes(const struct gd_image *im, const char *layer, struct gd_plane plane[GD_LAYER_PLANES]);
-int gd_layer_variance_planes(const struct gd_image *im, const char *layer, struct gd_plane plane[GD_LAYER_PLANES]);
-/* Adds the float channels of a layer with suffixes ".R" ".G" ".B" (n = 3; "R" "G" "B" for the layer "")
- * or none (n = 1), zeroed. */
-int gd_layer_add(struct gd_image *im, const char *layer, int n, struct gd_plane plane[GD_LAYER_PLANES],
-		 struct gd_err *err);
+int gd_layer_planes(const struct gd_image *im, const char *layer,
+		    struct gd_plane plane[GD_LAYER_PLANES]);
+int gd_layer_variance_planes(const struct gd_image *im, const char *layer,
+			     struct gd_plane plane[GD_LAYER_PLANES]);
+/* Adds the float channels of a layer with suffixes ".R" ".G" ".B" (n = 3; "R" "G" "B" for the layer
+ * "") or none (n = 1), zeroed. */
+int gd_layer_add(struct gd_image *im, const char *layer, int n,
+		 struct gd_plane plane[GD_LAYER_PLANES], struct gd_err *err);
 /* Number of consecutive bins bin0 .. bin<n-1> that hold layer ("" colour, "dx", ...). */
 int gd_bins(const struct gd_image *im, const char *layer);
 /* Sets want for every channel whose name starts with prefix ("bin", "half", ...) followed by a

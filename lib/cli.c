@@ -98,14 +98,16 @@ static void build_table(struct table *t, struct gd_cli *cli)
 		GD_OPT('o', "output", "FILE", &cli->output, "write to FILE; - is standard output"),
 		GD_OPT(0, "compression", "KIND", &cli->compression,
 		       "none, rle, zips, zip or piz (default: none on a pipe, zip in a file)"),
-		GD_NUM(0, "part", "N", &cli->part, 0, 1e6, "read part N of a multi-part file, from 0"),
+		GD_NUM(0, "part", "N", &cli->part, 0, 1e6,
+		       "read part N of a multi-part file, from 0"),
 		GD_OPT_END
 	};
 	const struct gd_opt common[] = {
 		GD_NUM('j', "threads", "N", &cli->threads, 1, 1024, "run on N threads"),
 		GD_FLAG('v', "verbose", &cli->verbose, "say what is decided, and how long it took"),
 		GD_FLAG('q', "quiet", &cli->quiet, "no warnings and no progress"),
-		GD_OPT(0, "stats", "FILE", &cli->stats, "write times and figures to FILE, as a JSON object"),
+		GD_OPT(0, "stats", "FILE", &cli->stats,
+		       "write times and figures to FILE, as a JSON object"),
 		GD_FLAG('h', "help", &t->help, "print this text and leave"),
 		GD_FLAG(0, "version", &t->version, "print the version and leave"),
 		GD_OPT_END
@@ -148,15 +150,15 @@ static void print_option(const struct gd_opt *o, const char *fallback)
 	int n;
 
 	if (o->key)
-		n = snprintf(left, sizeof left, "  -%c, --%s%s%s", o->key, o->name, o->arg ? " " : "",
-			     o->arg ? o->arg : "");
+		n = snprintf(left, sizeof left, "  -%c, --%s%s%s", o->key, o->name,
+			     o->arg ? " " : "", o->arg ? o->arg : "");
 	else
 		n = snprintf(left, sizeof left, "      --%s%s%s", o->name, o->arg ? " " : "",
 			     o->arg ? o->arg : "");
 	if (o->min != 0 || o->max != 0)
 		snprintf(range, sizeof range, "%.10g to %.10g", o->min, o->max);
-	snprintf(right, sizeof right, "%s%s%s%s%s%s%s", o->help, *range || *fallback ? " (" : "", range,
-		 *range && *fallback ? ", " : "", *fallback ? "default " : "", fallback,
+	snprintf(right, sizeof right, "%s%s%s%s%s%s%s", o->help, *range || *fallback ? " (" : "",
+		 range, *range && *fallback ? ", " : "", *fallback ? "default " : "", fallback,
 		 *range || *fallback ? ")" : "");
 	if (n >= HELP_COLUMN)
 		printf("%s\n%*s", left, HELP_COLUMN, "");
@@ -197,10 +199,12 @@ static void check_range(const struct table *t, const struct gd_opt *o, const cha
 			const char *arg)
 {
 	if ((o->min != 0 || o->max != 0) && (v < o->min || v > o->max))
-		usage_error(t->tool, "option %s: %s is not in %.10g to %.10g", shown, arg, o->min, o->max);
+		usage_error(t->tool, "option %s: %s is not in %.10g to %.10g", shown, arg, o->min,
+			    o->max);
 }
 
-static double parse_double(const struct table *t, const struct gd_opt *o, const char *shown, const char *arg)
+static double parse_double(const struct table *t, const struct gd_opt *o, const char *shown,
+			   const char *arg)
 {
 	char *end;
 	double v;
@@ -215,7 +219,8 @@ static double parse_double(const struct table *t, const struct gd_opt *o, const 
 	return v;
 }
 
-static int parse_int(const struct table *t, const struct gd_opt *o, const char *shown, const char *arg)
+static int parse_int(const struct table *t, const struct gd_opt *o, const char *shown,
+		     const char *arg)
 {
 	char *end;
 	long v;
@@ -231,7 +236,8 @@ static int parse_int(const struct table *t, const struct gd_opt *o, const char *
 }
 
 /* Seeds: decimal, or hexadecimal behind 0x. */
-static uint64_t parse_u64(const struct table *t, const struct gd_opt *o, const char *shown, const char *arg)
+static uint64_t parse_u64(const struct table *t, const struct gd_opt *o, const char *shown,
+			  const char *arg)
 {
 	bool hex = arg[0] == '0' && (arg[1] == 'x' || arg[1] == 'X');
 	unsigned long long v;
@@ -247,7 +253,8 @@ static uint64_t parse_u64(const struct table *t, const struct gd_opt *o, const c
 	return v;
 }
 
-static void set_option(const struct table *t, const struct gd_opt *o, bool by_letter, const char *arg)
+static void set_option(const struct table *t, const struct gd_opt *o, bool by_letter,
+		       const char *arg)
 {
 	char shown[80];
 	struct gd_list *list;
@@ -271,7 +278,8 @@ static void set_option(const struct table *t, const struct gd_opt *o, bool by_le
 		break;
 	case GD_OPT_LIST:
 		list = o->target;
-		list->v = or_leave(t->tool, realloc(list->v, (size_t)(list->n + 1) * sizeof *list->v));
+		list->v = or_leave(t->tool,
+				   realloc(list->v, (size_t)(list->n + 1) * sizeof *list->v));
 		list->v[list->n++] = arg;
 		break;
 	}
@@ -286,8 +294,8 @@ static void bad_option(const struct table *t, char *const *argv, int answer)
 	int alike = 0;
 
 	if (optopt >= LONG_KEY && answer == ':')
-		usage_error(t->tool, "option --%s needs a value: %s", t->opt[optopt - LONG_KEY].name,
-			    t->opt[optopt - LONG_KEY].arg);
+		usage_error(t->tool, "option --%s needs a value: %s",
+			    t->opt[optopt - LONG_KEY].name, t->opt[optopt - LONG_KEY].arg);
 	if (optopt >= LONG_KEY)
 		usage_error(t->tool, "option --%s takes no value", t->opt[optopt - LONG_KEY].name);
 	if (optopt) {
@@ -355,26 +363,30 @@ static void check_operands(struct gd_cli *cli)
 	cli->input = cli->noperand ? cli->operand[0] : "-";
 	if (cmd->max_operands >= 0 && cli->noperand > 1) {
 		if (cli->output)
-			usage_error(cmd->name, "two outputs: %s and -o %s", cli->operand[1], cli->output);
+			usage_error(cmd->name, "two outputs: %s and -o %s", cli->operand[1],
+				    cli->output);
 		cli->output = cli->operand[1];
 	}
 	if (!cli->output)
 		cli->output = "-";
 	if (cli->compression && find_compression(cli->compression) < 0)
-		usage_error(cmd->name, "option --compression: '%s' is none of none, rle, zips, zip, piz",
+		usage_error(cmd->name,
+			    "option --compression: '%s' is none of none, rle, zips, zip, piz",
 			    cli->compression);
 	if (!strcmp(cli->input, "-") && isatty(STDIN_FILENO))
 		usage_error(cmd->name, "no input: standard input is a terminal");
 	if (cli->stats && !strcmp(cli->stats, "-") && !strcmp(cli->output, "-"))
 		usage_error(cmd->name, "option --stats: standard output is taken by the image");
 	if (!strcmp(cli->output, "-") && isatty(STDOUT_FILENO))
-		usage_error(cmd->name, "no output: standard output is a terminal; use -o FILE or a pipe");
+		usage_error(cmd->name,
+			    "no output: standard output is a terminal; use -o FILE or a pipe");
 }
 
 /* The command as it could be typed again; getopt_long() will reorder argv, so this comes first. */
 static char *quote_command(const struct gd_cmd *cmd, int argc, char **argv)
 {
-	static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=./,:@%";
+	static const char plain[] =
+		"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=./,:@%";
 	size_t size = strlen(cmd->name) + 1;
 	char *text, *p;
 
@@ -428,7 +440,8 @@ static void on_progress(void *user, const char *stage, double done)
 	double now = gd_seconds();
 
 	/* only for work of over a second, and ten times a second at most */
-	if (cli->quiet || now - cli->start < 1 || now - cli->progress_time < 0.1 || !isatty(STDERR_FILENO))
+	if (cli->quiet || now - cli->start < 1 || now - cli->progress_time < 0.1 ||
+	    !isatty(STDERR_FILENO))
 		return;
 	fprintf(stderr, "\r%s: %.30s %3.0f %%", cli->cmd->name, stage, 100 * done);
 	cli->progress_time = now;
@@ -508,7 +521,8 @@ int gd_cli_open(struct gd_cli *cli, struct gd_exr **file, struct gd_image *im, c
 	rc = gd_exr_open(file, im, path, &conf, err);
 	cli->io_seconds += gd_seconds() - start;
 	if (rc == GD_OK)
-		gd_note(&cli->report, "%s: %d x %d pixels, %d channels", path, im->w, im->h, im->nchan);
+		gd_note(&cli->report, "%s: %d x %d pixels, %d channels",
+			strcmp(path, "-") ? path : "stdin", im->w, im->h, im->nchan);
 	return rc;
 }
 
@@ -606,7 +620,8 @@ static void release(struct gd_cli *cli)
 }
 
 /* "in.exr: no channel dx.R": the library knows the channel, the command line knows the file. */
-static void full_message(const struct gd_cli *cli, int rc, const struct gd_err *err, char *text, size_t size)
+static void full_message(const struct gd_cli *cli, int rc, const struct gd_err *err, char *text,
+			 size_t size)
 {
 	const char *name = cli->input && strcmp(cli->input, "-") ? cli->input : "stdin";
 	bool prefix = cli->cmd->filter && cli->cmd->max_operands >= 0 &&

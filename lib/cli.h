@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The command line: the only code that reads argv, prints or exits. Linked to the tools, not to libgd.a.
- * One letter means one thing in all tools: -o output, -j threads, -s seed, -v verbose, -q quiet, -h help.
+ * The command line: the only code that reads argv, prints or exits. Linked to the tools, not to
+ * libgd.a. One letter means one thing in all tools: -o output, -j threads, -s seed, -v verbose,
+ * -q quiet, -h help.
  */
 #ifndef GD_CLI_H
 #define GD_CLI_H
@@ -32,7 +33,8 @@ struct gd_opt {
 
 #define GD_KIND(t) _Generic((t), bool *: GD_OPT_FLAG, int *: GD_OPT_INT, double *: GD_OPT_DOUBLE, \
 	const char **: GD_OPT_STRING, struct gd_list *: GD_OPT_LIST, uint64_t *: GD_OPT_U64)
-#define GD_FLAG(key, name, t, help)		{ key, name, NULL, _Generic((t), bool *: GD_OPT_FLAG), t, 0, 0, help }
+#define GD_FLAG(key, name, t, help) \
+	{ key, name, NULL, _Generic((t), bool *: GD_OPT_FLAG), t, 0, 0, help }
 #define GD_OPT(key, name, arg, t, help)		{ key, name, arg, GD_KIND(t), t, 0, 0, help }
 #define GD_NUM(key, name, arg, t, lo, hi, help)	{ key, name, arg, GD_KIND(t), t, lo, hi, help }
 #define GD_OPT_END				{ 0, NULL, NULL, GD_OPT_FLAG, NULL, 0, 0, NULL }
@@ -41,7 +43,7 @@ struct gd_cmd {
 	const char *name;		/* "gdsolve" */
 	const char *operands;		/* "[input.exr [output.exr]]" */
 	const char *summary;		/* one line, lower case, no full stop */
-	const struct gd_opt *opts;	/* ended by GD_OPT_END; the common ones come by themselves */
+	const struct gd_opt *opts;	/* ended by GD_OPT_END; the common ones are added */
 	int min_operands, max_operands;	/* max < 0: any number */
 	/* An EXR filter: [input [output]] with -o, --compression, --part. With max_operands < 0 all
 	 * operands are inputs, and only -o names the output. */
@@ -76,7 +78,9 @@ struct gd_cli {
  */
 void gd_cli_parse(struct gd_cli *cli, const struct gd_cmd *cmd, int argc, char **argv);
 
-/* Opens an EXR operand ("-": standard input, refused from a terminal), taking --part into account. */
+/*
+ * Opens an EXR operand ("-": standard input, refused from a terminal), taking --part into account.
+ */
 int gd_cli_open(struct gd_cli *cli, struct gd_exr **file, struct gd_image *im, const char *path,
 		struct gd_err *err);
 /* Loads the pixels and closes the file in every case. */
@@ -98,8 +102,9 @@ void gd_cli_warn(struct gd_cli *cli, const char *format, ...) __attribute__((for
 
 /*
  * Prints the error (if any), checks standard output, writes --stats, frees cli's memory and returns
- * the exit status: 0 done, 1 done but cli->limit_missed, 2 not done (without a word if the reader of
- * our output has gone). A filter's GD_ESHAPE and GD_ENUMERIC texts get the input's name in front.
+ * the exit status: 0 done, 1 done but cli->limit_missed, 2 not done (without a word if the reader
+ * of our output has gone). A filter's GD_ESHAPE and GD_ENUMERIC texts get the input's name in
+ * front.
  */
 int gd_cli_finish(struct gd_cli *cli, int rc, const struct gd_err *err);
 

@@ -45,7 +45,9 @@ void gd_progress(const struct gd_report *report, const char *stage, double done)
 /* Seconds on a monotonic clock; differences only. */
 double gd_seconds(void);
 
-/* 64-byte aligned memory, freed by free(); NULL if n*size overflows or there is none. Not zeroed. */
+/*
+ * 64-byte aligned memory, freed by free(); NULL if n*size overflows or there is none. Not zeroed.
+ */
 void *gd_alloc(size_t n, size_t size);
 void *gd_calloc(size_t n, size_t size);
 

@@ -23,7 +23,8 @@ const char *gd_isa_name(void);
 
 #if defined(__x86_64__)
 #define GD_KERNEL_TABLE(type, name) extern const type name##_base, name##_v3, name##_v4
-#define GD_PICK(name) (gd_isa() == GD_ISA_V4 ? &name##_v4 : gd_isa() == GD_ISA_V3 ? &name##_v3 : &name##_base)
+#define GD_PICK(name) \
+	(gd_isa() == GD_ISA_V4 ? &name##_v4 : gd_isa() == GD_ISA_V3 ? &name##_v3 : &name##_base)
 #else
 #define GD_KERNEL_TABLE(type, name) extern const type name##_base
 #define GD_PICK(name) (&name##_base)

@@ -81,9 +81,14 @@ int gd_merge_want(struct gd_merge *m, int i, struct gd_image *im, struct gd_err 
 	for (int k = 0; k < m->names.n; k++) {
 		const struct gd_named *l = &m->names.layer[k];
 		const struct merge_layer *known = gd_merge_layer(m, l->layer);
-		bool read = l->role == GD_ROLE_MEAN ? (known && known->wanted) || gd_merge_in_family(l->layer, "bin") :
-			l->role == GD_ROLE_VARIANCE ? known && known->wanted && known->has_variance && !known->spread :
-			l->role == GD_ROLE_SAMPLES && m->input[i].per_pixel;
+		bool wanted = known && known->wanted, read = false;
+
+		if (l->role == GD_ROLE_MEAN)
+			read = wanted || gd_merge_in_family(l->layer, "bin");
+		else if (l->role == GD_ROLE_VARIANCE)
+			read = wanted && known->has_variance && !known->spread;
+		else if (l->role == GD_ROLE_SAMPLES)
+			read = m->input[i].per_pixel;
 
 		for (int c = 0; c < l->n; c++)
 			im->chan[l->chan[c]].want = l->role == GD_ROLE_PASS && i == 0 ? GD_PASS :
@@ -98,7 +103,8 @@ static int planes_of(const struct gd_merge *m, const struct gd_image *im, const 
 {
 	for (int c = 0; c < l->n; c++)
 		if (!gd_image_plane(im, m->source[l->chan[c]], &plane[c]))
-			return gd_fail(err, GD_ESHAPE, "%s: no channel %s", label, m->source[l->chan[c]]);
+			return gd_fail(err, GD_ESHAPE, "%s: no channel %s", label,
+				       m->source[l->chan[c]]);
 	return GD_OK;
 }
 
@@ -112,7 +118,8 @@ static int add_planes(struct gd_merge *m, struct merge_layer *l, struct gd_err *
 		char name[600];
 
 		rc = gd_image_add(&m->out, l->out[c], &l->mean[c], err);
-		snprintf(name, sizeof name, "%s%svariance%s%s", l->name, *l->name ? "." : "", *suffix ? "." : "", suffix);
+		snprintf(name, sizeof name, "%s%svariance%s%s", l->name, *l->name ? "." : "",
+			 *suffix ? "." : "", suffix);
 		if (rc == GD_OK && l->has_variance)
 			rc = gd_image_add(&m->out, name, &l->m2[c], err);
 		for (int b = 0; b < m->bins && l->binned && rc == GD_OK; b++) {
@@ -138,7 +145,9 @@ static int start_output(struct gd_merge *m, struct gd_image *im, struct gd_err *
 	m->out.display = im->display;
 	m->weight = gd_plane_of(gd_alloc(floats, sizeof(float)), m->w, m->h);
 	m->within = gd_plane_of(gd_alloc(floats, sizeof(float)), m->w, m->h);
-	rc = m->weight.v && m->within.v ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory for %d x %d", m->w, m->h);
+	rc = GD_OK;
+	if (!m->weight.v || !m->within.v)
+		rc = gd_fail(err, GD_ENOMEM, "out of memory for %d x %d", m->w, m->h);
 	if (rc == GD_OK)
 		rc = gd_attr_copy(&m->out, im, err);
 	for (int c = 0; c < im->nchan && rc == GD_OK; c++) {
@@ -157,10 +166,13 @@ static int start_output(struct gd_merge *m, struct gd_image *im, struct gd_err *
 	return rc;
 }
 
-/* Seconds of rendering and of earlier stages add up; histories are joined without repeating lines. */
+/*
+ * Seconds of rendering and of earlier stages add up; histories are joined without repeating lines.
+ */
 static int join_attributes(struct gd_merge *m, const struct gd_image *im, struct gd_err *err)
 {
-	const struct gd_attr *old = gd_attr_find(&m->out, "gd:history"), *more = gd_attr_find(im, "gd:history");
+	const struct gd_attr *old = gd_attr_find(&m->out, "gd:history");
+	const struct gd_attr *more = gd_attr_find(im, "gd:history");
 	int rc = GD_OK;
 
 	for (int i = 0; i < im->nattr && rc == GD_OK; i++) {
@@ -174,7 +186,8 @@ static int join_attributes(struct gd_merge *m, const struct gd_image *im, struct
 		rc = gd_attr_set_number(&m->out, name, a + b, err);
 	}
 	if (rc == GD_OK && more && !strcmp(more->type, "string")) {
-		char *text, *line, *save = NULL, *add = strndup((const char *)more->data, more->size);
+		char *add = strndup((const char *)more->data, more->size);
+		char *text, *line, *save = NULL;
 		size_t n = old && !strcmp(old->type, "string") ? old->size : 0;
 
 		text = add ? malloc(n + more->size + 2) : NULL;
@@ -196,8 +209,8 @@ static int join_attributes(struct gd_merge *m, const struct gd_image *im, struct
 }
 
 /*
- * Samples per pixel of the whole input: a plane of its "samples", made fit for weights, with their mean
- * in all; or one number.
+ * Samples per pixel of the whole input: a plane of its "samples", made fit for weights, with their
+ * mean in all; or one number.
  */
 static int input_count(struct gd_merge *m, int i, const struct gd_image *im, struct gd_count *count,
 		       struct gd_err *err)
@@ -247,14 +260,15 @@ static void assign_units(struct gd_merge *m, int i, double samples)
 }
 
 /*
- * The samples behind a layer's means: those of the pixel; of half of them for half0 and half1. An edge
- * of the gradients is sampled from both its pixels (n_i + n_j, over 2 so that equal counts stay what
- * they are), unless own_edges says that only its own counts.
+ * The samples behind a layer's means: those of the pixel; of half of them for half0 and half1. An
+ * edge of the gradients is sampled from both its pixels (n_i + n_j, over 2 so that equal counts
+ * stay what they are), unless own_edges says that only its own counts.
  */
-static void layer_weight(struct gd_merge *m, const struct merge_layer *l, const struct gd_count *count,
-			 bool bad, struct gd_count *w)
+static void layer_weight(struct gd_merge *m, const struct merge_layer *l,
+			 const struct gd_count *count, bool bad, struct gd_count *w)
 {
-	int dx = !m->conf.own_edges && !strcmp(l->name, "dx"), dy = !m->conf.own_edges && !strcmp(l->name, "dy");
+	bool dx = !m->conf.own_edges && !strcmp(l->name, "dx");
+	bool dy = !m->conf.own_edges && !strcmp(l->name, "dy");
 	float scale = l->half ? 0.5f : 1;
 
 	*w = (struct gd_count){ .all = count->all * (double)scale };
@@ -300,7 +314,7 @@ struct source {
 	const struct merge_input *in;
 	int n;
 	struct gd_plane mean[GD_NAMED_MAX], var[GD_NAMED_MAX];
-	struct gd_plane part[(GD_MAX_BINS + 1) * MERGE_COMP];	/* bin b, channel c at b * MERGE_COMP + c */
+	struct gd_plane part[GD_MAX_BINS * MERGE_COMP];	/* bin b, channel c at b * MERGE_COMP + c */
 	enum gd_variance kind;
 	float limit;
 	bool has_variance;
@@ -314,7 +328,8 @@ static int find_source(struct gd_merge *m, struct merge_layer *l, const struct g
 
 	s->n = l->binned ? s->in->units : 1;
 	for (int b = 0; b < s->n && s->n > 1 && rc == GD_OK; b++)
-		rc = planes_of(m, im, gd_merge_bin_of(&m->names, named, b), &s->part[b * MERGE_COMP], s->in->label, err);
+		rc = planes_of(m, im, gd_merge_bin_of(&m->names, named, b),
+			       &s->part[b * MERGE_COMP], s->in->label, err);
 	s->has_variance = l->has_variance && !l->spread && var;
 	if (rc != GD_OK || !s->has_variance)
 		return rc;
@@ -328,7 +343,8 @@ static int find_source(struct gd_merge *m, struct merge_layer *l, const struct g
 }
 
 /* Means and spread. */
-static size_t add_means(struct gd_merge *m, struct merge_layer *l, const struct source *s, const struct gd_count *w)
+static size_t add_means(struct gd_merge *m, struct merge_layer *l, const struct source *s,
+			const struct gd_count *w)
 {
 	const struct gd_plane none = { 0 };
 	size_t bad = 0;
@@ -338,8 +354,8 @@ static size_t add_means(struct gd_merge *m, struct merge_layer *l, const struct 
 
 		if (s->has_variance) {
 			within = m->within;
-			bad += gd_accum_within_variance(within, s->var[c], s->mean[c], s->kind, m->counted,
-							s->limit, w);
+			bad += gd_accum_within_variance(within, s->var[c], s->mean[c], s->kind,
+							m->counted, s->limit, w);
 		} else if (l->has_variance && s->n > 1) {
 			struct gd_plane part[GD_MAX_BINS];
 
@@ -348,7 +364,8 @@ static size_t add_means(struct gd_merge *m, struct merge_layer *l, const struct 
 			within = m->within;
 			gd_accum_within_parts(within, part, s->n, w);
 		}
-		if (s->has_variance && !m->counted) {	/* the spread of means of unknown counts tells nothing */
+		/* the spread of means of unknown counts tells nothing */
+		if (s->has_variance && !m->counted) {
 			gd_accum_sum(m2, within);
 			m2 = within = none;
 		}
@@ -357,8 +374,8 @@ static size_t add_means(struct gd_merge *m, struct merge_layer *l, const struct 
 	return bad;
 }
 
-static int add_bins(struct gd_merge *m, struct merge_layer *l, const struct source *s, struct gd_count *w,
-		    struct gd_err *err)
+static int add_bins(struct gd_merge *m, struct merge_layer *l, const struct source *s,
+		    struct gd_count *w, struct gd_err *err)
 {
 	const struct gd_plane none = { 0 };
 	int rc = GD_OK;
@@ -370,8 +387,9 @@ static int add_bins(struct gd_merge *m, struct merge_layer *l, const struct sour
 		const struct gd_count *old = m->lockstep ? &l->count : &l->bin_count[b];
 
 		for (int c = 0; c < l->n; c++)
-			gd_accum_add(l->bin[b][c], none, s->n > 1 ? s->part[u * MERGE_COMP + c] : s->mean[c], none,
-				     w, old);
+			gd_accum_add(l->bin[b][c], none,
+				     s->n > 1 ? s->part[u * MERGE_COMP + c] : s->mean[c], none, w,
+				     old);
 		if (!m->lockstep)
 			rc = gd_count_add(&l->bin_count[b], w, err);
 	}
@@ -380,8 +398,9 @@ static int add_bins(struct gd_merge *m, struct merge_layer *l, const struct sour
 	return rc;
 }
 
-static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_image *im, struct source *s,
-		     const struct gd_count *count, const struct gd_report *report, struct gd_err *err)
+static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_image *im,
+		     struct source *s, const struct gd_count *count, const struct gd_report *report,
+		     struct gd_err *err)
 {
 	const struct gd_named *named = gd_names_find(&m->names, GD_ROLE_MEAN, l->name);
 	struct gd_count w;
@@ -410,8 +429,8 @@ static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_
 	}
 	bad_variance = add_means(m, l, s, &w);
 	if (bad_variance)
-		gd_note(report, "%s: %zu NaN in the variance of %s taken for 0", s->in->label, bad_variance,
-			*l->name ? l->name : "the colour");
+		gd_note(report, "%s: %zu NaN in the variance of %s taken for 0", s->in->label,
+			bad_variance, *l->name ? l->name : "the colour");
 	if (l->binned && m->bins)
 		rc = add_bins(m, l, s, &w, err);
 	if (rc == GD_OK && l->has_variance && l->spread)
@@ -429,7 +448,8 @@ int gd_merge_add(struct gd_merge *m, int i, struct gd_image *im, const struct gd
 	int rc = s ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
 
 	if (rc == GD_OK && (im->w != m->w || im->h != m->h))
-		rc = gd_fail(err, GD_ESHAPE, "%s: has changed while it was read", m->input[i].label);
+		rc = gd_fail(err, GD_ESHAPE, "%s: has changed while it was read",
+			     m->input[i].label);
 	if (rc == GD_OK)
 		rc = m->out.nchan ? join_attributes(m, im, err) : start_output(m, im, err);
 	if (rc == GD_OK)

@@ -19,7 +19,9 @@ static inline float narrow(double v)
 	return (float)(v > FLT_MAX ? FLT_MAX : v);
 }
 
-/* The variance of the mean from the collected squares; negative where one part alone tells nothing. */
+/*
+ * The variance of the mean from the collected squares; negative where one part alone tells nothing.
+ */
 static double variance(const struct merge_layer *l, bool counted, double m2, int x, int y)
 {
 	double n = at(&l->count, x, y), parts = at(&l->parts, x, y);
@@ -34,9 +36,9 @@ static double variance(const struct merge_layer *l, bool counted, double m2, int
 }
 
 /*
- * Turns the squares of channel c into variances. A pixel with a single part gets the mean variance of
- * one sample over the image, divided by its own samples: 0 would mean that it is exact. Returns the
- * number of such pixels, -1 if no pixel knows its variance, -2 if memory is short.
+ * Turns the squares of channel c into variances. A pixel with a single part gets the mean variance
+ * of one sample over the image, divided by its own samples: 0 would mean that it is exact. Returns
+ * the number of such pixels, -1 if no pixel knows its variance, -2 if memory is short.
  */
 static long finish_variance(struct gd_merge *m, struct merge_layer *l, int c)
 {
@@ -100,8 +102,8 @@ static void drop_plane(struct gd_image *im, struct gd_plane *p)
 	p->v = NULL;
 }
 
-static int finish_layer_variance(struct gd_merge *m, struct merge_layer *l, const struct gd_report *report,
-				 struct gd_err *err)
+static int finish_layer_variance(struct gd_merge *m, struct merge_layer *l,
+				 const struct gd_report *report, struct gd_err *err)
 {
 	const char *name = *l->name ? l->name : "the colour";
 	bool exact = !l->binned && !l->half, unknown = false;
@@ -117,7 +119,9 @@ static int finish_layer_variance(struct gd_merge *m, struct merge_layer *l, cons
 		exact = exact && all_zero(l->m2[c]);
 	}
 	if (alone)
-		gd_note(report, "%s: %ld pixels have one part only; their variance is the image's mean", name, alone);
+		gd_note(report,
+			"%s: %ld pixels have one part only; their variance is the image's mean",
+			name, alone);
 	for (int c = 0; (exact || unknown) && c < l->n; c++)
 		drop_plane(&m->out, &l->m2[c]);
 	if (exact && !unknown)
@@ -149,7 +153,8 @@ static void count_empty(struct gd_merge *m, struct merge_layer *l, const struct 
 		for (int x = 0; x < m->w; x++)
 			l->empty += !(at(&l->count, x, y) > 0);
 	if (l->empty)
-		gd_note(report, "%s: %zu pixels without any sample are 0", *l->name ? l->name : "the colour", l->empty);
+		gd_note(report, "%s: %zu pixels without any sample are 0",
+			*l->name ? l->name : "the colour", l->empty);
 }
 
 /* half0 = the even bins, half1 = the odd ones, each bin with its samples. */
@@ -174,14 +179,15 @@ static int add_half(struct gd_merge *m, struct merge_layer *l, int c, int half, 
 				sum += n * gd_row(l->bin[b][c], y)[x];
 				weight += n;
 			}
-			gd_row(out, y)[x] = weight > 0 ? narrow(sum / weight) : gd_row(l->mean[c], y)[x];
+			gd_row(out, y)[x] =
+				weight > 0 ? narrow(sum / weight) : gd_row(l->mean[c], y)[x];
 		}
 	return GD_OK;
 }
 
 /*
- * Mean standard deviation by the inputs' own variances over that by the spread of the bins. The root
- * of a variance from K parts is too small in the mean, by about 1 / (4 (K - 1)).
+ * Mean standard deviation by the inputs' own variances over that by the spread of the bins. The
+ * root of a variance from K parts is too small in the mean, by about 1 / (4 (K - 1)).
  */
 static double spread_ratio(struct gd_merge *m, const struct merge_layer *l, double bin_ratio)
 {
@@ -221,9 +227,9 @@ static double bin_ratio(const struct gd_merge *m)
 }
 
 /* Writes the samples used and tells their mean. */
-static int add_samples(struct gd_merge *m, const struct merge_layer *colour, double *mean, struct gd_err *err)
+static int add_samples(struct gd_merge *m, const struct merge_layer *colour, double *mean,
+		       struct gd_err *err)
 {
-	static const char *const whole[] = { "samplesPerPixel" }, *const number[] = { "gd:samples" };
 	struct gd_plane out;
 	double sum = 0, old;
 	int rc = gd_image_add(&m->out, "samples", &out, err);
@@ -237,10 +243,10 @@ static int add_samples(struct gd_merge *m, const struct merge_layer *colour, dou
 		}
 	*mean = sum / ((double)m->w * m->h);
 	rc = gd_attr_set_number(&m->out, "gd:samplesPerPixel", *mean, err);
-	if (rc == GD_OK && gd_attr_number(&m->out, number[0], &old))
-		rc = gd_attr_set_number(&m->out, number[0], *mean, err);
-	if (rc == GD_OK && gd_attr_number(&m->out, whole[0], &old))
-		rc = gd_attr_set_int(&m->out, whole[0], (int)lround(fmin(*mean, 2e9)), err);
+	if (rc == GD_OK && gd_attr_number(&m->out, "gd:samples", &old))
+		rc = gd_attr_set_number(&m->out, "gd:samples", *mean, err);
+	if (rc == GD_OK && gd_attr_number(&m->out, "samplesPerPixel", &old))
+		rc = gd_attr_set_int(&m->out, "samplesPerPixel", (int)lround(fmin(*mean, 2e9)), err);
 	return rc;
 }
 

@@ -25,7 +25,8 @@ bool gd_merge_in_family(const char *name, const char *prefix)
 /* Layers whose noise a denoiser models. */
 static bool is_feature(const char *name)
 {
-	static const char *const list[] = { "", "dx", "dy", "albedo", "N", "Z", "P", "ao", "feature" };
+	static const char *const list[] = { "", "dx", "dy", "albedo", "N", "Z", "P", "ao",
+					    "feature" };
 
 	if (gd_merge_in_family(name, "half"))
 		name = strchr(name, '.') ? strchr(name, '.') + 1 : "";
@@ -41,7 +42,8 @@ static bool is_stale(const char *name)
 	static const char *const list[] = { "error", "model", "sampling" };
 
 	for (size_t i = 0; i < sizeof list / sizeof *list; i++)
-		if (starts(name, list[i]) && (!name[strlen(list[i])] || name[strlen(list[i])] == '.'))
+		if (starts(name, list[i]) &&
+		    (!name[strlen(list[i])] || name[strlen(list[i])] == '.'))
 			return true;
 	return false;
 }
@@ -56,14 +58,14 @@ struct merge_layer *gd_merge_layer(struct gd_merge *m, const char *name)
 	return NULL;
 }
 
-static int survey_layer(struct gd_merge *m, const struct gd_named *found, const char *label, bool has_variance,
-			struct gd_err *err)
+static int survey_layer(struct gd_merge *m, const struct gd_named *found, const char *label,
+			bool has_variance, struct gd_err *err)
 {
 	struct merge_layer *l = gd_merge_layer(m, found->layer);
 
 	if (found->n > MERGE_COMP)
-		return gd_fail(err, GD_ESHAPE, "%s: %s has %d channels, at most %d can be merged", label,
-			       found->layer, found->n, MERGE_COMP);
+		return gd_fail(err, GD_ESHAPE, "%s: %s has %d channels, at most %d can be merged",
+			       label, found->layer, found->n, MERGE_COMP);
 	if (!l) {
 		l = realloc(m->layer, (size_t)(m->nlayer + 1) * sizeof *l);
 		if (!l)
@@ -86,7 +88,8 @@ static int survey_layer(struct gd_merge *m, const struct gd_named *found, const 
 }
 
 /* The layer of bin b, e.g. "bin3.dx". */
-const struct gd_named *gd_merge_bin_of(const struct gd_names *names, const struct gd_named *layer, int b)
+const struct gd_named *gd_merge_bin_of(const struct gd_names *names, const struct gd_named *layer,
+				       int b)
 {
 	char name[300];
 	const struct gd_named *bin;
@@ -114,15 +117,19 @@ static int count_bins(const struct gd_names *names)
 	return bins > 1 ? bins : 1;
 }
 
-static int survey_layers(struct gd_merge *m, const struct gd_names *names, const char *label, struct gd_err *err)
+static int survey_layers(struct gd_merge *m, const struct gd_names *names, const char *label,
+			 struct gd_err *err)
 {
 	const struct gd_named *colour = gd_names_find(names, GD_ROLE_MEAN, "");
 	int rc = GD_OK;
 
 	if (!colour)
-		return gd_fail(err, GD_ESHAPE, "%s: no colour, neither R G B nor another name that is known", label);
+		return gd_fail(err, GD_ESHAPE,
+			       "%s: no colour, neither R G B nor another name that is known",
+			       label);
 	if (colour->n != 3)
-		return gd_fail(err, GD_ESHAPE, "%s: the colour has %d channels, wanted are 3", label, colour->n);
+		return gd_fail(err, GD_ESHAPE, "%s: the colour has %d channels, wanted are 3",
+			       label, colour->n);
 	for (int k = 0; k < names->n && rc == GD_OK; k++) {
 		const struct gd_named *l = &names->layer[k], *var;
 
@@ -138,8 +145,8 @@ static int survey_layers(struct gd_merge *m, const struct gd_names *names, const
 	return rc;
 }
 
-static int survey_input(struct gd_merge *m, const struct gd_image *im, const char *label, double spp,
-			struct gd_err *err)
+static int survey_input(struct gd_merge *m, const struct gd_image *im, const char *label,
+			double spp, struct gd_err *err)
 {
 	struct merge_input *in = realloc(m->input, (size_t)(m->ninput + 1) * sizeof *in);
 	struct gd_names names = { 0 };
@@ -179,8 +186,8 @@ int gd_merge_survey(struct gd_merge *m, const struct gd_image *im, const char *l
 		m->h = im->h;
 	}
 	if (im->w != m->w || im->h != m->h)
-		return gd_fail(err, GD_ESHAPE, "%s: %d x %d pixels, expected %d x %d as in %s", label, im->w, im->h,
-			       m->w, m->h, m->input[0].label);
+		return gd_fail(err, GD_ESHAPE, "%s: %d x %d pixels, expected %d x %d as in %s",
+			       label, im->w, im->h, m->w, m->h, m->input[0].label);
 	return survey_input(m, im, label, spp, err);
 }
 
@@ -198,11 +205,14 @@ static int plan_counts(struct gd_merge *m, const struct gd_report *report, struc
 	}
 	m->counted = unknown < 0;
 	if (unknown >= 0 && known)
-		return gd_fail(err, GD_EARG, "%s: no sample count, which other inputs have; give it by --spp",
+		return gd_fail(err, GD_EARG,
+			       "%s: no sample count, which other inputs have; give it by --spp",
 			       m->input[unknown].label);
 	if (!m->counted && m->wants_counts)
-		return gd_fail(err, GD_EARG, "%s: its variances are of single samples; give their number by --spp",
-			       m->wants_counts);
+		return gd_fail(
+			err, GD_EARG,
+			"%s: its variances are of single samples; give their number by --spp",
+			m->wants_counts);
 	if (!m->counted && m->ninput > 1)
 		gd_note(report, "no sample counts: all inputs weigh the same");
 	return GD_OK;
@@ -222,14 +232,15 @@ static int plan_bins(struct gd_merge *m, struct gd_err *err)
 	}
 	best = most > 1 ? most : m->ninput <= 16 ? m->ninput : 8;
 	if (m->conf.bins > units || m->conf.bins > GD_MAX_BINS)
-		return gd_fail(err, GD_EARG, "%d bins cannot be made of %d independent part%s", m->conf.bins, units,
-			       units == 1 ? "" : "s");
+		return gd_fail(err, GD_EARG, "%d bins cannot be made of %d independent part%s",
+			       m->conf.bins, units, units == 1 ? "" : "s");
 	m->bins = m->conf.bins > 0 ? m->conf.bins : m->conf.bins < 0 || m->conf.halves ? best : 0;
 	m->bins = m->bins > 1 ? m->bins : 0;
 	m->keep_bins = m->conf.bins != 0;
 	m->lockstep = m->bins && most == least && most == m->bins;
 	if (m->conf.halves && !m->bins)
-		return gd_fail(err, GD_EARG, "%s: halves need two inputs, or bins", m->input[0].label);
+		return gd_fail(err, GD_EARG, "%s: halves need two inputs, or bins",
+			       m->input[0].label);
 	m->unit_bin = calloc((size_t)units + 1, sizeof *m->unit_bin);
 	return m->unit_bin ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
 }
@@ -249,7 +260,8 @@ static void plan_halves(struct gd_merge *m, const struct gd_report *report)
 			m->layer[k].wanted = false;
 	m->make_halves = m->bins && (m->conf.halves || (any && !keep));
 	if (any && !keep)
-		gd_note(report, "the inputs' halves are %s", m->make_halves ? "made anew from the bins" : "dropped");
+		gd_note(report, "the inputs' halves are %s",
+			m->make_halves ? "made anew from the bins" : "dropped");
 }
 
 static void plan_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_report *report)
@@ -262,8 +274,8 @@ static void plan_layer(struct gd_merge *m, struct merge_layer *l, const struct g
 	l->spread = l->with_variance < l->carriers;
 	l->has_variance = (is_feature(l->name) || l->with_variance) && (!l->spread || parts);
 	if (l->spread && l->with_variance)
-		gd_note(report, "%s: %d of %d inputs have its variance; taken from the spread %s", name,
-			l->with_variance, l->carriers, parts ? "instead" : "nowhere");
+		gd_note(report, "%s: %d of %d inputs have its variance; taken from the spread %s",
+			name, l->with_variance, l->carriers, parts ? "instead" : "nowhere");
 	if (l->carriers < m->ninput)
 		gd_note(report, "%s: in %d of %d inputs only", name, l->carriers, m->ninput);
 	if (m->ninput > 1 && is_stale(l->name)) {
@@ -287,8 +299,11 @@ int gd_merge_plan(struct gd_merge *m, const struct gd_report *report, struct gd_
 	for (int k = 0; k < m->nlayer; k++)
 		plan_layer(m, &m->layer[k], report);
 	if (m->bins)
-		gd_note(report, "%d bins, %s", m->bins, m->lockstep ? "merged one by one" :
-			m->bins == m->ninput && m->input[m->ninput - 1].first_unit == m->ninput - 1 ? "one for each input" :
-			"each of several parts");
+		gd_note(report, "%d bins, %s", m->bins,
+			m->lockstep ? "merged one by one"
+			: m->bins == m->ninput &&
+					m->input[m->ninput - 1].first_unit == m->ninput - 1
+				? "one for each input"
+				: "each of several parts");
 	return GD_OK;
 }

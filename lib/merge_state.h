@@ -57,7 +57,8 @@ struct gd_merge {
 bool gd_merge_in_family(const char *name, const char *prefix);
 struct merge_layer *gd_merge_layer(struct gd_merge *m, const char *name);	/* or NULL */
 /* The layer of bin b, e.g. "bin3.dx" of "dx", or NULL. */
-const struct gd_named *gd_merge_bin_of(const struct gd_names *names, const struct gd_named *layer, int b);
+const struct gd_named *gd_merge_bin_of(const struct gd_names *names, const struct gd_named *layer,
+				       int b);
 void gd_merge_forget_names(struct gd_merge *m);
 
 #endif

@@ -148,7 +148,8 @@ struct found {
 	int chan[3];
 };
 
-static int channel(const struct gd_image *im, const bool *taken, const char *a, const char *b, const char *c)
+static int channel(const struct gd_image *im, const bool *taken, const char *a, const char *b,
+		   const char *c)
 {
 	char name[512];
 	int i;
@@ -159,13 +160,15 @@ static int channel(const struct gd_image *im, const bool *taken, const char *a, 
 	return i >= 0 && !taken[i] && im->chan[i].type != GD_UINT ? i : -1;
 }
 
-static struct found find_base(const struct gd_image *im, const bool *taken, const char *prefix, const char *base)
+static struct found find_base(const struct gd_image *im, const bool *taken, const char *prefix,
+			      const char *base)
 {
 	static const char *const triples[][3] = {
-		{ ".R", ".G", ".B" }, { ".r", ".g", ".b" }, { ".X", ".Y", ".Z" }, { ".x", ".y", ".z" },
-		{ "x", "y", "z" },
+		{ ".R", ".G", ".B" }, { ".r", ".g", ".b" },
+		{ ".X", ".Y", ".Z" }, { ".x", ".y", ".z" }, { "x", "y", "z" },
 	};
-	static const char *const singles[] = { "", ".Z", ".X", ".V", ".A", ".R", ".T", ".Y", ".r", ".z", ".y" };
+	static const char *const singles[] = { "", ".Z", ".X", ".V", ".A", ".R", ".T", ".Y",
+					       ".r", ".z", ".y" };
 	struct found f;
 
 	for (size_t t = 0; t < sizeof triples / sizeof *triples; t++) {
@@ -251,7 +254,9 @@ static struct gd_named *append(struct builder *b)
 	return &list[names->n++];
 }
 
-/* Gives the channels found to a layer of the gd buffer; a colour, or a variance of one, has three. */
+/*
+ * Gives the channels found to a layer of the gd buffer; a colour, or a variance of one, has three.
+ */
 static int add(struct builder *b, const char *target, struct found f)
 {
 	struct gd_named *l = append(b);
@@ -312,7 +317,8 @@ static void view_layer(const struct gd_image *im, char prefix[256])
 			const char *name = im->chan[i].name;
 
 			if (ends(name, marks[k])) {
-				snprintf(prefix, 256, "%.*s", (int)(strlen(name) - strlen(marks[k]) + 1), name);
+				snprintf(prefix, 256, "%.*s",
+					 (int)(strlen(name) - strlen(marks[k]) + 1), name);
 				return;
 			}
 		}
@@ -330,7 +336,8 @@ static bool has_word(const char *name, const char *const *words)
 
 static const char *mitsuba_layer(const char *base, const char *suffix)
 {
-	static const char *const normal[] = { "norm", "nn", "sn", NULL }, *const place[] = { "pos", "point", NULL };
+	static const char *const normal[] = { "norm", "nn", "sn", NULL };
+	static const char *const place[] = { "pos", "point", NULL };
 	static const char *const albedo[] = { "alb", "reflectance", NULL };
 
 	if (!strcmp(suffix, ".T"))
@@ -381,7 +388,8 @@ static int add_moments(struct builder *b)
 		if (l.role != GD_ROLE_MEAN || l.n > 3 || has_layer(b, GD_ROLE_VARIANCE, l.layer))
 			continue;
 		for (i = 0; i < f.n; i++)
-			if ((f.chan[i] = channel(b->im, b->taken, "m2_", b->im->chan[l.chan[i]].name, "")) < 0)
+			if ((f.chan[i] = channel(b->im, b->taken, "m2_",
+						 b->im->chan[l.chan[i]].name, "")) < 0)
 				break;
 		snprintf(target, sizeof target, "%s%svariance", l.layer, *l.layer ? "." : "");
 		if (i == f.n)
@@ -448,7 +456,8 @@ static int apply_map(struct builder *b, const char *map)
 	struct found f = { 0 };
 
 	if (end != '=' || (f.n = expand(spec, name)) == 0)
-		return gd_fail(b->err, GD_EARG, "--map '%s': wanted is LAYER=CHANNEL or LAYER=NAME.{R,G,B}", map);
+		return gd_fail(b->err, GD_EARG,
+			       "--map '%s': wanted is LAYER=CHANNEL or LAYER=NAME.{R,G,B}", map);
 	if (!strcmp(target, "color") || !strcmp(target, "colour"))
 		target[0] = 0;
 	for (int i = 0; i < f.n; i++) {
@@ -466,11 +475,12 @@ static int apply_map(struct builder *b, const char *map)
 /* ---- what is left keeps its name ---- */
 
 /* Identifiers cannot be averaged. Cryptomatte's layers are also listed in attributes. */
-static bool is_identifier(const struct gd_image *im, const struct gd_names_conf *conf, const char *name)
+static bool is_identifier(const struct gd_image *im, const struct gd_names_conf *conf,
+			  const char *name)
 {
 	static const char *const patterns[] = {
-		"*crypto*", "*[._]id", "id", "id.*", "*objectid*", "*materialid*", "*primid*", "*instanceid*",
-		"*indexob*", "*indexma*", "*shape_index*", "*prim_index*",
+		"*crypto*", "*[._]id", "id", "id.*", "*objectid*", "*materialid*", "*primid*",
+		"*instanceid*", "*indexob*", "*indexma*", "*shape_index*", "*prim_index*",
 	};
 
 	for (int i = 0; i < conf->npass; i++)
@@ -482,8 +492,9 @@ static bool is_identifier(const struct gd_image *im, const struct gd_names_conf 
 	for (int i = 0; i < im->nattr; i++) {
 		const struct gd_attr *a = &im->attr[i];
 
-		if (starts(a->name, "cryptomatte/") && ends(a->name, "/name") && !strcmp(a->type, "string") &&
-		    a->size && !strncmp(name, (const char *)a->data, a->size))
+		if (starts(a->name, "cryptomatte/") && ends(a->name, "/name") &&
+		    !strcmp(a->type, "string") && a->size &&
+		    !strncmp(name, (const char *)a->data, a->size))
 			return true;
 	}
 	return false;
@@ -523,7 +534,8 @@ static bool name_used(const struct gd_names *names, const char *name)
 {
 	for (int k = 0; k < names->n; k++)
 		for (int i = 0; i < names->layer[k].n; i++)
-			if (names->layer[k].role != GD_ROLE_DROP && !strcmp(names->layer[k].name[i], name))
+			if (names->layer[k].role != GD_ROLE_DROP &&
+			    !strcmp(names->layer[k].name[i], name))
 				return true;
 	return false;
 }
@@ -595,7 +607,8 @@ int gd_names_resolve(struct gd_names *names, const struct gd_image *im,
 	int rc = b.taken ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
 
 	names->preset = conf->preset == GD_NAMES_AUTO ? recognise(im) : conf->preset;
-	names->variance = conf->variance == GD_VARIANCE_AUTO ? usual_variance(names->preset) : conf->variance;
+	names->variance =
+		conf->variance == GD_VARIANCE_AUTO ? usual_variance(names->preset) : conf->variance;
 	for (int i = 0; i < conf->nmap && rc == GD_OK; i++)
 		rc = apply_map(&b, conf->map[i]);
 	view_layer(im, prefix);
@@ -634,7 +647,8 @@ void gd_names_free(struct gd_names *names)
 	*names = (struct gd_names){ 0 };
 }
 
-const struct gd_named *gd_names_find(const struct gd_names *names, enum gd_role role, const char *layer)
+const struct gd_named *gd_names_find(const struct gd_names *names, enum gd_role role,
+				     const char *layer)
 {
 	for (int i = 0; i < names->n; i++)
 		if (names->layer[i].role == role && !strcmp(names->layer[i].layer, layer))
@@ -644,7 +658,8 @@ const struct gd_named *gd_names_find(const struct gd_names *names, enum gd_role 
 
 bool gd_names_spp(const struct gd_image *im, double *spp)
 {
-	static const char *const known[] = { "gd:samplesPerPixel", "gd:samples", "samplesPerPixel" };
+	static const char *const known[] = { "gd:samplesPerPixel", "gd:samples",
+					     "samplesPerPixel" };
 
 	for (int i = 0; i < 3; i++)
 		if (gd_attr_number(im, known[i], spp) && isfinite(*spp) && *spp > 0)

@@ -21,28 +21,28 @@ enum gd_preset {
 
 /* What a file's variance channels hold, m being the mean of n samples. */
 enum gd_variance {
-	GD_VARIANCE_AUTO,	/* as the renderer of that preset writes it */
-	GD_VARIANCE_NONE,	/* nothing: they are dropped */
-	GD_VARIANCE_MEAN,	/* the variance of m */
-	GD_VARIANCE_SAMPLE,	/* the variance of one sample: n times that of m */
-	GD_VARIANCE_M2		/* the mean of the squared samples: (m2 - m^2) / (n - 1) is that of m */
+	GD_VARIANCE_AUTO,   /* as the renderer of that preset writes it */
+	GD_VARIANCE_NONE,   /* nothing: they are dropped */
+	GD_VARIANCE_MEAN,   /* the variance of m */
+	GD_VARIANCE_SAMPLE, /* the variance of one sample: n times that of m */
+	GD_VARIANCE_M2	    /* the mean of the squared samples: (m2 - m^2) / (n - 1) is that of m */
 };
 
 enum gd_role {
-	GD_ROLE_MEAN,		/* a mean over samples */
-	GD_ROLE_VARIANCE,	/* the variance (see enum gd_variance) of the layer named by layer */
-	GD_ROLE_SAMPLES,	/* samples per pixel */
-	GD_ROLE_PASS,		/* not a quantity that can be averaged: identifiers, cryptomattes, UINT */
-	GD_ROLE_DROP		/* known, and without a meaning in a merged buffer */
+	GD_ROLE_MEAN,	  /* a mean over samples */
+	GD_ROLE_VARIANCE, /* the variance (see enum gd_variance) of the layer named by layer */
+	GD_ROLE_SAMPLES,  /* samples per pixel */
+	GD_ROLE_PASS,	  /* not a quantity that can be averaged: identifiers, cryptomattes, UINT */
+	GD_ROLE_DROP	  /* known, and without a meaning in a merged buffer */
 };
 
 #define GD_NAMED_MAX 4
 
 struct gd_named {
 	enum gd_role role;
-	char layer[256];		/* "" is the colour; else "dx", "albedo", "bin3.dx", "half0" ... */
+	char layer[256]; /* "" is the colour; else "dx", "albedo", "bin3.dx", "half0" ... */
 	int n;				/* channels in the gd buffer */
-	int chan[GD_NAMED_MAX];		/* index in the image, more than once where grey becomes R G B */
+	int chan[GD_NAMED_MAX]; /* index in the image, more than once where grey becomes R G B */
 	char name[GD_NAMED_MAX][256];	/* full name in the gd buffer */
 	bool renamed;			/* by a preset or by map */
 };
@@ -79,10 +79,12 @@ int gd_names_resolve(struct gd_names *names, const struct gd_image *im,
 void gd_names_free(struct gd_names *names);
 
 /* The channels behind a layer, for a reader: "Combined.{R,G,B}". */
-void gd_named_describe(const struct gd_named *l, const struct gd_image *im, char *text, size_t size);
+void gd_named_describe(const struct gd_named *l, const struct gd_image *im, char *text,
+		       size_t size);
 
 /* The layer of that role and name, or NULL. */
-const struct gd_named *gd_names_find(const struct gd_names *names, enum gd_role role, const char *layer);
+const struct gd_named *gd_names_find(const struct gd_names *names, enum gd_role role,
+				     const char *layer);
 
 /*
  * Samples per pixel as the attributes tell them: gd:samplesPerPixel, gd:samples, samplesPerPixel,

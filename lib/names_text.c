@@ -70,7 +70,8 @@ void gd_named_describe(const struct gd_named *l, const struct gd_image *im, char
 	first = in_common(name, l->n);
 	used = (size_t)snprintf(text, size, "%.*s{", (int)first, name[0]);
 	for (int i = 0; i < l->n && used < size; i++)
-		used += (size_t)snprintf(text + used, size - used, "%s%s", i ? "," : "", name[i] + first);
+		used += (size_t)snprintf(text + used, size - used, "%s%s", i ? "," : "",
+					 name[i] + first);
 	if (used < size)
 		snprintf(text + used, size - used, "}");
 }

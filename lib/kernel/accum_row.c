@@ -61,21 +61,24 @@ static void add_same(const struct gd_accum_row *r, int n)
 }
 
 /* Weights of the pixels' own. Where w = 0, x may be anything, and nothing changes. */
-static inline __attribute__((always_inline))
-void add_each(const struct gd_accum_row *r, int n, bool each_w, bool each_old, bool spread, bool parts)
+static inline __attribute__((always_inline)) void
+add_each(const struct gd_accum_row *r, int n, bool each_w, bool each_old, bool spread, bool parts)
 {
-	const float *restrict x = r->x, *restrict within = r->within, *restrict w = r->w, *restrict old = r->old;
+	const float *restrict x = r->x, *restrict within = r->within;
+	const float *restrict w = r->w, *restrict old = r->old;
 	float *restrict mean = r->mean, *restrict m2 = r->m2;
 
 #pragma omp simd
 	for (int i = 0; i < n; i++) {
-		double a = each_w ? (double)w[i] : r->all_w, b = each_old ? (double)old[i] : r->all_old;
+		double a = each_w ? (double)w[i] : r->all_w;
+		double b = each_old ? (double)old[i] : r->all_old;
 		double d = (double)x[i] - (double)mean[i], share = a / (a + b);
 		float m = b > 0 ? narrow((double)mean[i] + share * d) : x[i];
 
 		if (spread) {
-			double s = (double)m2[i] + share * b * d * d + (parts ? (double)within[i] : 0);
+			double s = (double)m2[i] + share * b * d * d;
 
+			s += parts ? (double)within[i] : 0;
 			m2[i] = a > 0 ? narrow(s) : m2[i];
 		}
 		mean[i] = a > 0 ? m : mean[i];
@@ -87,14 +90,17 @@ static void add(const struct gd_accum_row *r, int n)
 	if (!r->w && !r->old)
 		add_same(r, n);
 	else if (!r->m2)
-		r->w ? r->old ? add_each(r, n, true, true, false, false) : add_each(r, n, true, false, false, false) :
-			add_each(r, n, false, true, false, false);
+		r->w ? r->old ? add_each(r, n, true, true, false, false)
+			      : add_each(r, n, true, false, false, false)
+		     : add_each(r, n, false, true, false, false);
 	else if (!r->within)
-		r->w ? r->old ? add_each(r, n, true, true, true, false) : add_each(r, n, true, false, true, false) :
-			add_each(r, n, false, true, true, false);
+		r->w ? r->old ? add_each(r, n, true, true, true, false)
+			      : add_each(r, n, true, false, true, false)
+		     : add_each(r, n, false, true, true, false);
 	else
-		r->w ? r->old ? add_each(r, n, true, true, true, true) : add_each(r, n, true, false, true, true) :
-			add_each(r, n, false, true, true, true);
+		r->w ? r->old ? add_each(r, n, true, true, true, true)
+			      : add_each(r, n, true, false, true, true)
+		     : add_each(r, n, false, true, true, true);
 }
 
 const struct gd_accum_kernel GD_KERNEL(gd_accum_kernel) = { finite_row, add };

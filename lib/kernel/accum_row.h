@@ -7,7 +7,8 @@
 
 #include "isa.h"
 
-/* Row of gd_accum_add(). A weight is w[i], or all_w where w is NULL; old alike. m2 and within may be NULL. */
+/* Row of gd_accum_add(). A weight is w[i], or all_w where w is NULL; old alike. m2 and within may
+ * be NULL. */
 struct gd_accum_row {
 	float *mean, *m2;
 	const float *x, *within, *w, *old;

@@ -19,9 +19,10 @@ static void image_of(struct gd_image *im, const char *const *names)
 static void test_layers_are_found(void **state)
 {
 	static const char *const names[] = {
-		"B", "G", "N.X", "N.Y", "N.Z", "N.variance.X", "N.variance.Y", "N.variance.Z", "R", "Z", "Z.variance",
-		"albedo.G", "albedo.R", "dx.B", "dx.G", "dx.R", "half0.B", "half0.G", "half0.R", "half0.variance.B",
-		"half0.variance.G", "half0.variance.R", "variance.B", "variance.G", "variance.R", NULL
+		"B", "G", "N.X", "N.Y", "N.Z", "N.variance.X", "N.variance.Y", "N.variance.Z",
+		"R", "Z", "Z.variance", "albedo.G", "albedo.R", "dx.B", "dx.G", "dx.R",
+		"half0.B", "half0.G", "half0.R", "half0.variance.B", "half0.variance.G",
+		"half0.variance.R", "variance.B", "variance.G", "variance.R", NULL
 	};
 	struct gd_image im;
 	struct gd_layer l;
@@ -59,7 +60,9 @@ static void test_layers_are_found(void **state)
 
 static void test_long_names(void **state)
 {
-	static const char *const names[] = { "R", NULL };
+	static const char *const names[] = {
+		"R", NULL
+	};
 	struct gd_image im;
 	char name[400];
 
@@ -69,15 +72,16 @@ static void test_long_names(void **state)
 	name[sizeof name - 1] = 0;
 	assert_int_equal(gd_layer_find(&im, name).n, 0);
 	assert_int_equal(gd_layer_variance(&im, name).n, 0);
-	assert_int_equal(gd_layer_add(&im, name, 3, (struct gd_plane[GD_LAYER_PLANES]){ { 0 } }, NULL), GD_EARG);
+	assert_int_equal(gd_layer_add(&im, name, 3, (struct gd_plane[GD_LAYER_PLANES]){{0}}, NULL),
+			 GD_EARG);
 	gd_image_free(&im);
 }
 
 static void test_wants(void **state)
 {
 	static const char *const names[] = {
-		"R", "G", "B", "variance.R", "variance.G", "variance.B", "bin0.R", "bin10.dx.R", "bin.x", "binary.R", "bin0",
-		NULL
+		"R", "G", "B", "variance.R", "variance.G", "variance.B", "bin0.R", "bin10.dx.R",
+		"bin.x", "binary.R", "bin0", NULL
 	};
 	struct gd_image im;
 

@@ -33,17 +33,20 @@ static int tool(int argc, char **argv)
 		GD_OPT(0, "map", "A=B", &map, "map"),
 		GD_OPT(0, "none", "X", &none, "nothing by default"),
 		GD_FLAG('k', "keep", &keep, "keep all"),
-		GD_FLAG(0, "fail", &fail, "fail"), GD_FLAG(0, "miss", &miss, "miss"), GD_FLAG(0, "gone", &gone, "gone"),
+		GD_FLAG(0, "fail", &fail, "fail"),
+		GD_FLAG(0, "miss", &miss, "miss"),
+		GD_FLAG(0, "gone", &gone, "gone"),
 		GD_OPT_END
 	};
-	const struct gd_cmd cmd = { "gdtest", "[in.exr [out.exr]]", "try the command line", opts, 0, 2, true };
+	const struct gd_cmd cmd = {
+		"gdtest", "[in.exr [out.exr]]", "try the command line", opts, 0, 2, true};
 	struct gd_cli cli = { 0 };
 	struct gd_err err = { 0 };
 	int rc = GD_OK;
 
 	gd_cli_parse(&cli, &cmd, argc, argv);
-	printf("%g %d %llu %s %d %d %s %s %d\n", alpha, cycles, (unsigned long long)seed, method, keep, map.n, cli.input,
-	       cli.output, cli.threads);
+	printf("%g %d %llu %s %d %d %s %s %d\n", alpha, cycles, (unsigned long long)seed, method,
+	       keep, map.n, cli.input, cli.output, cli.threads);
 	gd_note(&cli.report, "a note of %d words", 4);
 	gd_cli_warn(&cli, "a warning");
 	gd_cli_stat(&cli, "residual", 0.25);
@@ -106,8 +109,10 @@ static void test_values(void **state)
 {
 	(void)state;
 	expect_out(run("-j3", NULL), "0.2 3 7 l1 0 0 - - 3\n");
-	expect_out(run("in.exr", "--alpha=1e-3", "out.exr", "-k", "-j", "1", NULL), "0.001 3 7 l1 1 0 in.exr out.exr 1\n");
-	expect_out(run("-s", "0xff", "--cyc", "1000", "-j1", "--map", "a=b", "--map=c", "-", "-", NULL),
+	expect_out(run("in.exr", "--alpha=1e-3", "out.exr", "-k", "-j", "1", NULL),
+		   "0.001 3 7 l1 1 0 in.exr out.exr 1\n");
+	expect_out(run("-s", "0xff", "--cyc", "1000", "-j1", "--map", "a=b", "--map=c", "-", "-",
+		       NULL),
 		   "0.2 1000 255 l1 0 2 - - 1\n");
 	expect_out(run("-j1", "-o", "b", "--", "-k", NULL), "0.2 3 7 l1 0 0 -k b 1\n");
 	expect_out(run("-a", "0", "-m", "wls", "-j1", NULL), "0 3 7 wls 0 0 - - 1\n");
@@ -115,29 +120,32 @@ static void test_values(void **state)
 
 static void test_usage_errors_name_the_option(void **state)
 {
-	static const struct { const char *a, *b, *c, *message; } bad[] = {
-		{ "-a", "-1", NULL, "option -a: -1 is not in 0 to 1000000" },
-		{ "--alpha", "nan", NULL, "option --alpha: 'nan' is not a number" },
-		{ "--alpha", "1x", NULL, "option --alpha: '1x' is not a number" },
-		{ "--alpha", "", NULL, "option --alpha: '' is not a number" },
-		{ "--alpha", " 1", NULL, "option --alpha: ' 1' is not a number" },
-		{ "--alpha", "1e999", NULL, "option --alpha: '1e999' is too large" },
-		{ "--alpha", NULL, NULL, "option --alpha needs a value: WEIGHT" },
-		{ "-a", NULL, NULL, "option -a needs a value: WEIGHT" },
-		{ "--cycles", "2.5", NULL, "option --cycles: '2.5' is not a whole number" },
-		{ "--cycles=0", NULL, NULL, "option --cycles: 0 is not in 1 to 1000" },
-		{ "--cycles", "99999999999", NULL, "option --cycles: '99999999999' is too large" },
-		{ "-s", "-1", NULL, "option -s: '-1' is not a whole number from 0" },
-		{ "-s", "99999999999999999999", NULL, "option -s: '99999999999999999999' is too large" },
-		{ "--keep=yes", NULL, NULL, "option --keep takes no value" },
-		{ "--nosuch", NULL, NULL, "unknown option --nosuch" },
-		{ "--nosuch=3", NULL, NULL, "unknown option --nosuch" },
-		{ "-Z", NULL, NULL, "unknown option -Z" },
-		{ "--m", "x", NULL, "ambiguous option --m" },
-		{ "a", "b", "c", "one operand too many: c" },
-		{ "a", "b", "-oc", "two outputs: b and -o c" },
-		{ "--compression", "dwaa", NULL, "option --compression: 'dwaa' is none of none, rle, zips, zip, piz" },
-		{ "-j", "0", NULL, "option -j: 0 is not in 1 to 1024" },
+	static const struct { const char *a, *b, *c, *message;
+	} bad[] = {
+		{"-a", "-1", NULL, "option -a: -1 is not in 0 to 1000000"},
+		{"--alpha", "nan", NULL, "option --alpha: 'nan' is not a number"},
+		{"--alpha", "1x", NULL, "option --alpha: '1x' is not a number"},
+		{"--alpha", "", NULL, "option --alpha: '' is not a number"},
+		{"--alpha", " 1", NULL, "option --alpha: ' 1' is not a number"},
+		{"--alpha", "1e999", NULL, "option --alpha: '1e999' is too large"},
+		{"--alpha", NULL, NULL, "option --alpha needs a value: WEIGHT"},
+		{"-a", NULL, NULL, "option -a needs a value: WEIGHT"},
+		{"--cycles", "2.5", NULL, "option --cycles: '2.5' is not a whole number"},
+		{"--cycles=0", NULL, NULL, "option --cycles: 0 is not in 1 to 1000"},
+		{"--cycles", "99999999999", NULL, "option --cycles: '99999999999' is too large"},
+		{"-s", "-1", NULL, "option -s: '-1' is not a whole number from 0"},
+		{"-s", "99999999999999999999", NULL,
+		 "option -s: '99999999999999999999' is too large"},
+		{"--keep=yes", NULL, NULL, "option --keep takes no value"},
+		{"--nosuch", NULL, NULL, "unknown option --nosuch"},
+		{"--nosuch=3", NULL, NULL, "unknown option --nosuch"},
+		{"-Z", NULL, NULL, "unknown option -Z"},
+		{"--m", "x", NULL, "ambiguous option --m"},
+		{"a", "b", "c", "one operand too many: c"},
+		{"a", "b", "-oc", "two outputs: b and -o c"},
+		{"--compression", "dwaa", NULL,
+		 "option --compression: 'dwaa' is none of none, rle, zips, zip, piz"},
+		{"-j", "0", NULL, "option -j: 0 is not in 1 to 1024"},
 	};
 
 	(void)state;
@@ -145,7 +153,8 @@ static void test_usage_errors_name_the_option(void **state)
 		struct outcome o = run(bad[i].a, bad[i].b, bad[i].c, NULL);
 		char line[300];
 
-		snprintf(line, sizeof line, "gdtest: %s (gdtest -h lists the options)\n", bad[i].message);
+		snprintf(line, sizeof line, "gdtest: %s (gdtest -h lists the options)\n",
+			 bad[i].message);
 		assert_int_equal(o.status, 2);
 		assert_string_equal(o.err, line);
 		assert_string_equal(o.out, "");
@@ -159,8 +168,10 @@ static void test_help_tells_the_defaults(void **state)
 	(void)state;
 	assert_int_equal(o.status, 0);
 	assert_string_equal(o.err, "");
-	assert_non_null(strstr(o.out, "usage: gdtest [options] [in.exr [out.exr]]\ntry the command line\n"));
-	assert_non_null(strstr(o.out, "  -a, --alpha WEIGHT          weight of the primal image (0 to 1000000, default 0.2)\n"));
+	assert_non_null(strstr(
+		o.out, "usage: gdtest [options] [in.exr [out.exr]]\ntry the command line\n"));
+	assert_non_null(strstr(o.out, "  -a, --alpha WEIGHT          weight of the primal image (0 "
+				      "to 1000000, default 0.2)\n"));
 	assert_non_null(strstr(o.out, "  -m, --method NAME           method (default l1)\n"));
 	assert_non_null(strstr(o.out, "      --none X                nothing by default\n"));
 	assert_non_null(strstr(o.out, "      --version "));
@@ -201,9 +212,12 @@ static void test_stats(void **state)
 	slurp(fopen(path, "r"), text, sizeof text);
 	unlink(path);
 	assert_non_null(strstr(text, "{\"tool\": \"gdtest\", \"version\": \"" GD_VERSION "\", "));
-	assert_non_null(strstr(text, "\"command\": \"gdtest -q -j2 --fail 'it'\\\\''s' out --stats /tmp/gd-stats-"));
+	assert_non_null(strstr(
+		text,
+		"\"command\": \"gdtest -q -j2 --fail 'it'\\\\''s' out --stats /tmp/gd-stats-"));
 	assert_non_null(strstr(text, "\"threads\": 2, "));
-	assert_non_null(strstr(text, "\"residual\": 0.25, \"status\": 2, \"error\": \"it's: no channel dx.R\", \"seconds\": "));
+	assert_non_null(strstr(text, "\"residual\": 0.25, \"status\": 2, \"error\": \"it's: no "
+				     "channel dx.R\", \"seconds\": "));
 	o = run("-q", "--stats", "/nowhere/x.json", NULL);
 	assert_int_equal(o.status, 2);
 	assert_string_equal(o.err, "gdtest: /nowhere/x.json: No such file or directory\n");

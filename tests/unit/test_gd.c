@@ -113,7 +113,9 @@ static void test_instruction_set(void **state)
 {
 	(void)state;
 	assert_true(gd_isa() >= GD_ISA_BASE && gd_isa() <= GD_ISA_V4);
-	assert_string_equal(gd_isa_name(), gd_isa() == GD_ISA_V4 ? "v4" : gd_isa() == GD_ISA_V3 ? "v3" : "base");
+	assert_string_equal(gd_isa_name(), gd_isa() == GD_ISA_V4   ? "v4"
+					   : gd_isa() == GD_ISA_V3 ? "v3"
+								   : "base");
 	if (getenv("GD_ISA") && !strcmp(getenv("GD_ISA"), "base"))
 		assert_int_equal(gd_isa(), GD_ISA_BASE);
 }
@@ -167,9 +169,10 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_first_error_stays), cmocka_unit_test(test_long_text_is_cut),
-		cmocka_unit_test(test_reports), cmocka_unit_test(test_memory), cmocka_unit_test(test_strides),
-		cmocka_unit_test(test_clock), cmocka_unit_test(test_instruction_set),
-		cmocka_unit_test(test_json_numbers), cmocka_unit_test(test_json_file),
+		cmocka_unit_test(test_reports),		  cmocka_unit_test(test_memory),
+		cmocka_unit_test(test_strides),		  cmocka_unit_test(test_clock),
+		cmocka_unit_test(test_instruction_set),	  cmocka_unit_test(test_json_numbers),
+		cmocka_unit_test(test_json_file),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

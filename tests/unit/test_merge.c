@@ -72,8 +72,8 @@ static void near(double got, double want, const char *what)
 		fail_msg("%s: %.9g, expected %.9g", what, got, want);
 }
 
-static int merge_err(struct gd_image *out, struct gd_image *in, int n, struct gd_merge_conf conf, double spp,
-		     struct gd_merge_result *result, struct gd_err *err)
+static int merge_err(struct gd_image *out, struct gd_image *in, int n, struct gd_merge_conf conf,
+		     double spp, struct gd_merge_result *result, struct gd_err *err)
 {
 	struct gd_merge *m = NULL;
 	char label[32];
@@ -98,8 +98,8 @@ static int merge_err(struct gd_image *out, struct gd_image *in, int n, struct gd
 	return rc;
 }
 
-static struct gd_merge_result merge(struct gd_image *out, struct gd_image *in, int n, struct gd_merge_conf conf,
-				    double spp)
+static struct gd_merge_result merge(struct gd_image *out, struct gd_image *in, int n,
+				    struct gd_merge_conf conf, double spp)
 {
 	struct gd_merge_result result = { 0 };
 	struct gd_err err = { 0 };
@@ -110,7 +110,8 @@ static struct gd_merge_result merge(struct gd_image *out, struct gd_image *in, i
 		for (int y = 0; y < out->h && out->chan[i].v; y++)
 			for (int x = 0; x < out->w; x++)
 				if (!isfinite(value(out, out->chan[i].name, x, y)))
-					fail_msg("%s is not finite at %d %d", out->chan[i].name, x, y);
+					fail_msg("%s is not finite at %d %d", out->chan[i].name, x,
+						 y);
 	return result;
 }
 
@@ -118,8 +119,8 @@ static const struct gd_merge_conf usual = { .bins = -1 };
 static const char *const rgb[] = { "R", "G", "B" };
 
 /* Samples first .. first + n - 1 as a render of them: means, and variances of a kind. */
-static void render(struct gd_image *im, const char *layer, const char *variances, int c, int x, int y, int first,
-		   int n, enum gd_variance kind)
+static void render(struct gd_image *im, const char *layer, const char *variances, int c, int x,
+		   int y, int first, int n, enum gd_variance kind)
 {
 	double sum = 0, sum2 = 0, mean, s2;
 	char name[64];
@@ -137,10 +138,13 @@ static void render(struct gd_image *im, const char *layer, const char *variances
 	gd_row(p, y)[x] = (float)mean;
 	if (!variances)
 		return;
-	snprintf(name, sizeof name, "%s%s%s", variances, kind == GD_VARIANCE_M2 ? layer : "", rgb[c]);
+	snprintf(name, sizeof name, "%s%s%s", variances, kind == GD_VARIANCE_M2 ? layer : "",
+		 rgb[c]);
 	if (!gd_image_plane(im, name, &p))
 		p = put(im, name);
-	gd_row(p, y)[x] = (float)(kind == GD_VARIANCE_MEAN ? s2 / n : kind == GD_VARIANCE_SAMPLE ? s2 : sum2 / n);
+	gd_row(p, y)[x] = (float)(kind == GD_VARIANCE_MEAN     ? s2 / n
+				  : kind == GD_VARIANCE_SAMPLE ? s2
+							       : sum2 / n);
 }
 
 /* Samples of input i at a pixel of an adaptive pass: 2 to 12. */
@@ -164,7 +168,8 @@ static void make_adaptive(struct gd_image *in, int n, const char *variances, enu
 				gd_image_plane(&in[i], "samples", &p);
 				gd_row(p, y)[x] = (float)k;
 				for (int c = 0; c < 3; c++)
-					render(&in[i], "", variances, c, x, y, first[y][x], k, kind);
+					render(&in[i], "", variances, c, x, y, first[y][x], k,
+					       kind);
 				first[y][x] += k;
 			}
 	}
@@ -186,13 +191,15 @@ static void check_pooled(const struct gd_image *out, int n, double tolerance)
 					sum += sample(x, y, c, j);
 				mean = sum / k;
 				for (int j = 0; j < k; j++)
-					sum2 += (sample(x, y, c, j) - mean) * (sample(x, y, c, j) - mean);
+					sum2 += (sample(x, y, c, j) - mean) *
+						(sample(x, y, c, j) - mean);
 				near(value(out, rgb[c], x, y), mean, rgb[c]);
 				near(value(out, "samples", x, y), k, "samples");
 				snprintf(name, sizeof name, "variance.%s", rgb[c]);
-				if (fabs(value(out, name, x, y) * k * (k - 1) - sum2) > tolerance * sum2)
-					fail_msg("%s: %g, expected %g", name, value(out, name, x, y),
-						 sum2 / k / (k - 1));
+				if (fabs(value(out, name, x, y) * k * (k - 1) - sum2) >
+				    tolerance * sum2)
+					fail_msg("%s: %g, expected %g", name,
+						 value(out, name, x, y), sum2 / k / (k - 1));
 			}
 }
 
@@ -212,7 +219,9 @@ static void test_passes_merge_to_one_render(void **state)
 	check_pooled(&out, 3, 1e-5);
 	gd_image_free(&out);
 
-	/* second moments lose what cancels: mean^2 is here up to 50 times the variance of the mean */
+	/*
+	 * second moments lose what cancels: mean^2 is here up to 50 times the variance of the mean
+	 */
 	make_adaptive(in, 3, "m2_", GD_VARIANCE_M2);
 	merge(&out, in, 3, conf, 0);
 	check_pooled(&out, 3, 1e-4);
@@ -249,7 +258,9 @@ static void test_spread_of_inputs(void **state)
 	gd_image_free(&out);
 }
 
-/* Two adaptive passes that hold four bins each: bin by bin, and the mean of the bins is the mean. */
+/*
+ * Two adaptive passes that hold four bins each: bin by bin, and the mean of the bins is the mean.
+ */
 static void test_bins_one_by_one(void **state)
 {
 	struct gd_image in[2], out = { 0 };
@@ -312,12 +323,15 @@ static void test_bins_beside_a_whole(void **state)
 	assert_int_equal(r.bins, 8);
 	near(r.bin_ratio, 2, "bin_ratio");
 	near(value(&out, "R", 0, 0), (2 * 9 + 16 * 3.5) / 18, "R");
-	/* the first seven bins of the second go into the seven empty ones, the last where there is room */
+	/* the first seven bins of the second go into the seven empty ones, the last where there is
+	 * room */
 	near(value(&out, "bin0.R", 0, 0), (9 + 7) / 2.0, "bin0.R");
 	near(value(&out, "bin7.G", 0, 0), 6, "bin7.G");
 	/* nine parts of 2 samples */
 	near(value(&out, "variance.B", 0, 0),
-	     (2 * 42 + 2 * (9 - 74.0 / 18) * (9 - 74.0 / 18) + 16 * (3.5 - 74.0 / 18) * (3.5 - 74.0 / 18)) / (8 * 18),
+	     (2 * 42 + 2 * (9 - 74.0 / 18) * (9 - 74.0 / 18) +
+	      16 * (3.5 - 74.0 / 18) * (3.5 - 74.0 / 18)) /
+		     (8 * 18),
 	     "variance.B");
 	gd_image_free(&out);
 }
@@ -441,7 +455,8 @@ static void test_fireflies_and_scale(void **state)
 	}
 	assert_true(value(&out[0], "variance.B", 0, 0) > 1e37);
 	near(value(&out[1], "G", 2, 2), ldexp(value(&out[0], "G", 2, 2), 40), "scaled mean");
-	near(value(&out[1], "variance.G", 2, 2), ldexp(value(&out[0], "variance.G", 2, 2), 80), "scaled variance");
+	near(value(&out[1], "variance.G", 2, 2), ldexp(value(&out[0], "variance.G", 2, 2), 80),
+	     "scaled variance");
 	gd_image_free(&out[0]);
 	gd_image_free(&out[1]);
 }
@@ -509,11 +524,13 @@ static void test_identifiers_pass(void **state)
 		put_raw(&in[i], "objects", GD_UINT, (unsigned char)(5 + i));
 		fill_rgb(&in[i], 1);
 		gd_attr_set_string(&in[i], "gd:scene", i ? "b" : "a", NULL);
-		gd_attr_set_string(&in[i], "gd:history", i ? "render 1\nfix" : "render 0\nfix", NULL);
+		gd_attr_set_string(&in[i], "gd:history", i ? "render 1\nfix" : "render 0\nfix",
+				   NULL);
 		gd_attr_set_number(&in[i], "gd:renderSeconds", 2 + i, NULL);
 	}
 	merge(&out, in, 2, usual, 3);
-	int a = gd_image_find(&out, "ViewLayer.CryptoObject00.r"), b = gd_image_find(&out, "objects");
+	int a = gd_image_find(&out, "ViewLayer.CryptoObject00.r"),
+	    b = gd_image_find(&out, "objects");
 
 	assert_true(a >= 0 && b >= 0 && out.chan[b].type == GD_UINT);
 	for (int i = 0; i < W * H * 4; i++) {
@@ -527,7 +544,8 @@ static void test_identifiers_pass(void **state)
 	assert_string_equal(text, "a");
 	assert_true(gd_attr_string(&out, "gd:history", text, sizeof text));
 	assert_string_equal(text, "render 0\nfix\nrender 1");
-	assert_true(gd_attr_number(&out, "gd:renderSeconds", &seconds) && gd_attr_number(&out, "gd:samplesPerPixel", &n));
+	assert_true(gd_attr_number(&out, "gd:renderSeconds", &seconds) &&
+		    gd_attr_number(&out, "gd:samplesPerPixel", &n));
 	near(seconds, 5, "gd:renderSeconds");
 	near(n, 6, "gd:samplesPerPixel");
 	gd_image_free(&out);
@@ -612,21 +630,24 @@ static void test_refusals(void **state)
 
 	gd_image_init(&in[0], W, H);
 	fill(&in[0], "Z", 1);
-	expect(in, 1, 1, GD_ESHAPE, "run0.exr: no colour, neither R G B nor another name that is known");
+	expect(in, 1, 1, GD_ESHAPE,
+	       "run0.exr: no colour, neither R G B nor another name that is known");
 
 	for (int i = 0; i < 2; i++) {
 		gd_image_init(&in[i], W, H);
 		fill_rgb(&in[i], 1);
 	}
 	gd_attr_set_int(&in[0], "samplesPerPixel", 4, NULL);
-	expect(in, 2, 0, GD_EARG, "run1.exr: no sample count, which other inputs have; give it by --spp");
+	expect(in, 2, 0, GD_EARG,
+	       "run1.exr: no sample count, which other inputs have; give it by --spp");
 
 	gd_image_init(&in[0], W, H);
 	fill_rgb(&in[0], 1);
 	fill(&in[0], "Variance.R", 1);
 	fill(&in[0], "Variance.G", 1);
 	fill(&in[0], "Variance.B", 1);
-	expect(in, 1, 0, GD_EARG, "run0.exr: its variances are of single samples; give their number by --spp");
+	expect(in, 1, 0, GD_EARG,
+	       "run0.exr: its variances are of single samples; give their number by --spp");
 }
 
 int main(void)
