@@ -47,8 +47,8 @@ static int sample_at(int k, int n)
 }
 
 /*
- * Median of a feature, and the median of its distance from that where there is any: where the zero of
- * the feature lies and how far its values typically reach, both untouched by a sky at 1e10.
+ * Median of a feature, and the lower quartile of its distance from that where there is any: where the
+ * zero of the feature lies and how far its values reach at least, both untouched by a sky at 1e10.
  */
 static void feature_scale(struct gd_plane f, double *median, double *scale)
 {
@@ -64,7 +64,7 @@ static void feature_scale(struct gd_plane f, double *median, double *scale)
 		if (v[i] != *median)
 			v[far++] = fabs(v[i] - *median);
 	qsort(v, (size_t)far, sizeof *v, compare);
-	*scale = far > 0 ? v[far / 2] : 0.0;
+	*scale = far > 0 ? v[far / 4] : 0.0;
 }
 
 static bool constant(struct gd_plane f)
