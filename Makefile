@@ -1,10 +1,7 @@
-# make            the tools into bin/ (with the OpenImageIO/OpenColorIO plug-in where those are installed)
-# make core       the tools alone: needs OpenEXR's C library only
-# make deps       installs what is missing (Debian)
-# make test       every test, and again under the sanitizers
-# make demo       builds, runs the main job on real samples, leaves pictures and a table in demo/
-# make bench      speed and speed against error
-# make install uninstall PREFIX=/usr/local DESTDIR=
+# make help lists what can be made.
+ifeq ($(findstring -j,$(MAKEFLAGS)),)
+MAKEFLAGS += -j$(shell nproc 2>/dev/null || echo 2)
+endif
 PREFIX ?= /usr/local
 CC ?= cc
 CXX ?= c++
@@ -14,12 +11,12 @@ SAN ?=
 O ?= build/$(if $(SAN),san,opt)
 B ?= $(if $(SAN),$(O)/bin,bin)
 
-ARCH := $(shell $(CC) -dumpmachine)
-EXR_CFLAGS := $(shell pkg-config --cflags OpenEXR)
+ARCH := $(shell $(CC) -dumpmachine 2>/dev/null)
+EXR_CFLAGS := $(shell pkg-config --cflags OpenEXR 2>/dev/null)
 WARN := -Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion -Wstrict-prototypes -Wmissing-prototypes
 OWN := -std=gnu11 -fopenmp -D_GNU_SOURCE -Ilib $(EXR_CFLAGS) $(WARN) -ffp-contract=off -fno-math-errno $(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer -fno-sanitize-recover=all) $(EXTRA)
 KERN := -O3 -ffp-contract=fast -fno-math-errno -fno-trapping-math
-LIBS := $(shell pkg-config --libs-only-L OpenEXR) -lOpenEXRCore-3_1 -lz -lm -ldl -lpthread
+LIBS := $(shell pkg-config --libs-only-L OpenEXR 2>/dev/null) -lOpenEXRCore-3_1 -lz -lm -ldl -lpthread
 PLUGDIR ?= $(PREFIX)/lib/gd
 
 ISA := base $(if $(filter x86_64%,$(ARCH)),v3 v4)
@@ -62,7 +59,7 @@ $(foreach i,$(ISA),$(eval $(call kernel_rule,$i)))
 
 # Needs nothing of libgd.a, so that nothing there has to be position-independent.
 PLUGPKG := OpenImageIO OpenColorIO
-ifeq ($(shell pkg-config --exists $(PLUGPKG) && echo yes),yes)
+ifeq ($(shell pkg-config --exists $(PLUGPKG) 2>/dev/null && echo yes),yes)
 plugin: $(B)/gd-plugin.so
 
 $(B)/gd-plugin.so: lib/plugin/shim.cpp lib/plugin/shim.h lib/gd.h
@@ -74,9 +71,86 @@ plugin:
 	@echo "note: without OpenImageIO and OpenColorIO there is no gd-plugin.so: no PNG, no DWA, no display transforms (make deps)"
 endif
 
+# Test programs, one for each file; tests/support/*.c are tools of the tests.
+TESTC := $(wildcard tests/unit/test_*.c tests/num/*.c tests/hard/*.c)
+SUPPORTC := $(wildcard tests/support/*.c)
+BENCHC := $(wildcard tests/bench/*.c)
+TESTS := $(TESTC:%.c=$(O)/%)
+SUPPORT := $(SUPPORTC:%.c=$(O)/%)
+BENCHES := $(BENCHC:%.c=$(O)/%)
+SANITIZERS := address,undefined
+
+$(TESTS): TESTLIBS := -lcmocka
+$(TESTS) $(SUPPORT) $(BENCHES): $(O)/%: %.c $(O)/libgd.a
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) $(OWN) -MMD -MP -MF $@.d -o $@ $< $(O)/libgd.a $(LDFLAGS) $(TESTLIBS) $(LIBS)
+
+tests: core $(TESTS) $(SUPPORT)
+
+# Every test, then every test again under the sanitizers; the last line is "N passed, M failed".
+test: tests plugin
+	@$(MAKE) --no-print-directory SAN=$(SANITIZERS) O=build/san B=build/san/bin tests
+	@if [ -f $(B)/gd-plugin.so ]; then cp -p $(B)/gd-plugin.so build/san/bin/; fi
+	@tests/run plain:$(O):$(B) san:build/san:build/san/bin
+
+check: tests plugin
+	@tests/run plain:$(O):$(B)
+
+# Each header alone, manuals, shell scripts.
+lint:
+	@for h in lib/*.h; do echo "#include \"$${h#lib/}\"" | \
+		$(CC) $(OWN) -x c -fsyntax-only - || { echo "$$h does not stand alone"; exit 1; }; done
+	@mandoc -T lint -W warning man/*.[157]
+	@shellcheck -x .ci/run tests/run $(wildcard tests/bench/*.sh tests/support/*.sh tests/*.sh)
+	@echo "lint: nothing to say"
+
+demo: all
+	@GD_BIN=$(B) tests/demo.sh testdata demo
+
+bench: all $(BENCHES) $(SUPPORT)
+	@$(MAKE) --no-print-directory -C tests/bench OBJ=$(abspath $(O)/tests) BIN=$(abspath $(B)) DATA=$(abspath $(or $(DATA),testdata)) \
+		OUT=$(abspath build/bench) -j1
+
+DEPS_CORE := gcc libc6-dev make pkg-config libopenexr-dev zlib1g-dev
+DEPS := $(DEPS_CORE) g++ libopenimageio-dev libopencolorio-dev libcmocka-dev bats mandoc gnuplot-nox
+SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
+
+deps:
+	@need=; for p in $(DEPS); do \
+		dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q '^install ok' || need="$$need $$p"; done; \
+	if [ -z "$$need" ]; then echo "nothing is missing"; else echo "installing$$need"; \
+		$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get update -q && \
+		$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -qy --no-install-recommends $$need; fi
+
+MAN := $(DESTDIR)$(PREFIX)/share/man
+PLUGDEST := $(DESTDIR)$(PLUGDIR)
+
+install: all
+	install -d $(DESTDIR)$(PREFIX)/bin $(MAN)/man1 $(MAN)/man5 $(MAN)/man7
+	install $(BINS) $(DESTDIR)$(PREFIX)/bin
+	for s in 1 5 7; do install -m 644 man/*.$$s $(MAN)/man$$s || exit 1; done
+	if [ -f $(B)/gd-plugin.so ]; then install -d $(PLUGDEST) && install -m 644 $(B)/gd-plugin.so $(PLUGDEST); fi
+
+uninstall:
+	rm -f $(TOOLS:%=$(DESTDIR)$(PREFIX)/bin/%) $(PLUGDEST)/gd-plugin.so
+	for s in 1 5 7; do for m in man/*.$$s; do rm -f $(MAN)/man$$s/$${m#man/}; done; done
+	-rmdir $(PLUGDEST) 2>/dev/null
+
 clean:
 	rm -rf build bin demo
 
-.PHONY: all core plugin clean
+help:
+	@echo 'make            the tools into bin/, with the OpenImageIO/OpenColorIO plug-in where those are installed'
+	@echo 'make core       the tools alone: needs OpenEXR and zlib only'
+	@echo 'make deps       installs what is missing (Debian)'
+	@echo 'make demo       the main job on real samples; leaves pictures, a table and a plot in demo/'
+	@echo 'make test       every test, and again under the address and undefined-behaviour sanitizers'
+	@echo 'make check      every test, without the sanitizers'
+	@echo 'make bench      speed, and speed against error, into build/bench/ (DATA=dir: of the scenes there)'
+	@echo 'make lint       headers, manuals, scripts'
+	@echo 'make install uninstall PREFIX=/usr/local DESTDIR='
+	@echo 'Variables: CC CFLAGS LDFLAGS CXX CXXFLAGS SAN=address,undefined O=objects B=binaries'
+
+.PHONY: all core plugin tests test check lint demo bench deps install uninstall clean help
 .SECONDARY:
 -include $(shell find $(O) -name '*.d' 2>/dev/null)
