@@ -185,8 +185,10 @@ int main(int argc, char **argv)
 			"joins"),
 		GD_OPT_END
 	};
-	const struct gd_cmd cmd = { "gdmerge", "[input.exr ...]",
-				    "merge renders of one frame into one gd buffer", opts, 0, -1, true };
+	const struct gd_cmd cmd = {
+		"gdmerge", "[input.exr ...]", "merge renders of one frame into one gd buffer",
+		opts, 0, -1, true
+	};
 	struct gd_cli cli = { 0 };
 	struct gd_err err = { 0 };
 	struct gd_merge *m = NULL;

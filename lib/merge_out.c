@@ -246,7 +246,8 @@ static int add_samples(struct gd_merge *m, const struct merge_layer *colour, dou
 	if (rc == GD_OK && gd_attr_number(&m->out, "gd:samples", &old))
 		rc = gd_attr_set_number(&m->out, "gd:samples", *mean, err);
 	if (rc == GD_OK && gd_attr_number(&m->out, "samplesPerPixel", &old))
-		rc = gd_attr_set_int(&m->out, "samplesPerPixel", (int)lround(fmin(*mean, 2e9)), err);
+		rc = gd_attr_set_int(&m->out, "samplesPerPixel", (int)lround(fmin(*mean, 2e9)),
+				     err);
 	return rc;
 }
 
