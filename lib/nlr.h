@@ -33,7 +33,7 @@ struct gd_nlr_conf {
 #define GD_NLR_DEFAULTS ((struct gd_nlr_conf){ \
 	.window = 5, .patch = 2, .k = 0.45, .eps = 1e-6, .ridge = 1e-3 })
 
-/* All planes have one size. Inputs may be the same planes, the outputs overlap nothing. */
+/* All planes have one size. Inputs may be the same planes, the outputs overlap none but y. */
 struct gd_nlr_in {
 	struct gd_plane y[3];		/* to regress: radiance, scene-linear */
 	struct gd_plane guide[3];	/* decides on the weights; may be y */
@@ -44,11 +44,12 @@ struct gd_nlr_in {
 };
 
 /*
- * out: the three fitted planes. Only finite values come out. One that is not finite counts as 0 where it
- * comes in, a negative variance or weight as 0. A centre whose fit weights are all 0 predicts nothing; a
- * pixel that nobody predicts keeps its y. Scaling y scales the result; scaling the guide by s and its
- * variances by s^2 does not change it. The bytes that come out do not depend on the number of threads.
- * Takes about 9 bytes a pixel and 2 MiB a thread while it runs.
+ * out: the three fitted planes; they may be those of y. Only finite values come out. What comes in
+ * and is not finite counts as 0, but for variances and weights that are infinite (very large) or
+ * negative (0). A centre whose fit weights are all 0 predicts nothing; a pixel that nobody predicts keeps
+ * its y. Scaling y scales the result; scaling the guide by s and its variances by s^2 does not change it.
+ * The bytes that come out do not depend on the number of threads.
+ * Takes about 24 bytes a pixel and 1.5 MiB a thread while it runs.
  * report may be NULL. Returns GD_OK, GD_EARG, GD_ESHAPE or GD_ENOMEM.
  */
 int gd_nlr_run(const struct gd_plane out[3], const struct gd_nlr_in *in, const struct gd_nlr_conf *conf,
