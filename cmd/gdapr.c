@@ -61,6 +61,8 @@ static int settle(struct job *job, struct gd_err *err)
 		job->conf.radius = opt->radius;
 		job->conf.step = opt->radius > 1 ? (opt->radius + 1) / 2 : 1;
 	}
+	if (opt->step == 0)
+		return gd_fail(err, GD_EARG, "--step 0: expected at least 1");
 	if (opt->step > 0)
 		job->conf.step = opt->step;
 	if (opt->order >= 0)

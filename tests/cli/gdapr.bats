@@ -1,0 +1,154 @@
+#!/usr/bin/env bats
+# SPDX-License-Identifier: BSD-3-Clause
+
+setup() {
+	bats_require_minimum_version 1.5.0
+	top=$BATS_TEST_DIRNAME/../..
+	gdapr=$(realpath "${GD_BIN:-$top/bin}")/gdapr
+	support=$(realpath "$top/tests/support")
+	cd "$BATS_TEST_TMPDIR"
+}
+
+val() { "$support/exrval.pl" "$@"; }
+names() { "$support/exrval.pl" "$1" | sed 's/:.*//' | sort | tr '\n' ' '; }
+
+# Two regions with noise of deviation 0.2, an albedo that knows them, a noisy depth, a layer and its rest.
+frame() {
+	"$support/mkexr.pl" "$1" 40 30 \
+		R='1 + 2 * ($x > $y) + 0.2 * noise()' G='1 + ($x > $y) + 0.02 * $x + 0.2 * noise()' B='0.5 + 0.2 * noise()' \
+		variance.R=0.04 variance.G=0.04 variance.B=0.04 \
+		albedo.R='$x > $y' albedo.G='$x > $y' albedo.B=0.5 Z='5 + 0.1 * $y + 0.05 * noise()' Z.variance=0.0025 \
+		light.R='0.5 + $x / 80' light.G=0.25 light.B='0.1 * noise()' \
+		dx.R=0 dx.G=0 dx.B=0 dy.R=0 dy.G=0 dy.B=0 bin0.R=1 bin0.G=1 bin0.B=1 bin1.R=1 bin1.G=1 bin1.B=1 \
+		half0.R=1 half0.G=1 half0.B=1 samples=16 A='$x / 40' crypto00.R='$x * $y'
+}
+
+near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -d : d) <= t) }' ||
+	{ echo "$1, expected $2 within $3"; return 1; }; }
+
+@test "noise goes, the mean stays, used channels are gone, others stay" {
+	frame in.exr
+	run --separate-stderr "$gdapr" in.exr out.exr --compression none
+	[ "$status" -eq 0 ] && [ -z "$output" ] && [ -z "$stderr" ]
+	near "$(val out.exr R 30 10)" 3 0.1
+	near "$(val out.exr R 10 20)" 1 0.1
+	near "$(val out.exr R)" "$(val in.exr R)" 0.005
+	near "$(val out.exr A 20 3)" 0.5 0
+	near "$(val out.exr crypto00.R 6 7)" 42 0
+	[ "$(names out.exr)" = "A B G R crypto00.R error.B error.G error.R light.B light.G light.R model.columns model.order samples " ]
+	awk -v e="$(val out.exr error.R)" 'BEGIN { exit !(e > 0 && e < 0.01) }'
+}
+
+@test "--keep keeps what was used" {
+	frame in.exr
+	"$gdapr" --keep in.exr out.exr --compression none
+	for c in albedo.R Z Z.variance variance.R dx.R bin0.R half0.R; do
+		val out.exr "$c"
+	done
+}
+
+@test "the methods and their settings" {
+	frame in.exr
+	for o in --paper "--paper -r 8" "-r 0" "-r 3 --step 7" "--order 0" "--order-min 2" "--kernel box" "--spikes drop" \
+		"--spikes keep" --no-filter "-f none" "-f albedo" "-f Z,albedo"; do
+		"$gdapr" $o in.exr out.exr --compression none
+		near "$(val out.exr R)" "$(val in.exr R)" 0.02
+	done
+	"$gdapr" --order 0 in.exr out.exr --compression none
+	[ "$(val out.exr model.order)" = 0 ]
+	"$gdapr" --order-min 2 --order 2 in.exr out.exr --compression none
+	near "$(val out.exr model.order)" 2 1e-6
+	"$gdapr" -f albedo --order 0 in.exr out.exr --compression none
+	near "$(val out.exr model.columns 30 29)" 2 0.01	# 1 and albedo.R
+}
+
+@test "layers add up as before" {
+	"$support/mkexr.pl" in.exr 30 20 R='1 + noise()' G=1 B=1 variance.R=1 variance.G=0 variance.B=0 \
+		light.R='0.5 * $x / 30' light.G=0 light.B=0 depth='$y'
+	"$gdapr" -f none --spikes keep in.exr a.exr --compression none
+	"$gdapr" -f none --spikes keep --layers light,depth in.exr b.exr --compression none
+	[ "$(val a.exr R 11 7)" = "$(val b.exr R 11 7)" ]
+	near "$(val b.exr light.R 12 9)" 0.2 0.05
+	near "$(val b.exr depth 12 9)" 9 0.5
+	near "$(val a.exr light.R 12 9)" 0.2 1e-6
+}
+
+@test "a pipe, and any number of threads: the same bytes" {
+	frame in.exr
+	export SOURCE_DATE_EPOCH=0
+	for j in 1 2 7; do
+		"$gdapr" -j "$j" <in.exr | sed 's/-j [127]/-j N/' >"out$j.exr"
+	done
+	cmp out1.exr out2.exr
+	cmp out1.exr out7.exr
+}
+
+@test "no variance: from bins, else from the image" {
+	"$support/mkexr.pl" bins.exr 30 20 R=1 G=1 B=1 bin0.R=1.5 bin0.G=1 bin0.B=1 bin1.R=0.5 bin1.G=1 bin1.B=1
+	"$gdapr" -q bins.exr out.exr --compression none
+	near "$(val out.exr R 5 5)" 1 1e-5
+	"$support/mkexr.pl" bare.exr 30 20 R='1 + 0.1 * noise()' G=1 B=1
+	run --separate-stderr "$gdapr" -v bare.exr out.exr --compression none
+	[ "$status" -eq 0 ]
+	[[ "$stderr" == *"7x7 windows of the image"* ]]
+	near "$(val out.exr R)" 1 0.02
+}
+
+@test "NaN and Inf are filled in and counted" {
+	"$support/mkexr.pl" in.exr 20 20 R='$x == 4 && $y == 5 ? nan() : 1' G='$x == 9 ? inf() : 1' B=1 \
+		variance.R=0.01 variance.G=0.01 variance.B='$y ? 0.01 : nan()' Z='$x == $y ? nan() : $x'
+	run --separate-stderr "$gdapr" in.exr out.exr --compression none
+	[ "$status" -eq 0 ]
+	[[ "$stderr" == *"41 values that were NaN or Inf were filled in"* ]]
+	near "$(val out.exr R)" 1 1e-5
+	near "$(val out.exr G)" 1 1e-5
+}
+
+@test "a firefly gives its energy back, up to twice the light around it" {
+	"$support/mkexr.pl" in.exr 41 41 R='$x == 20 && $y == 20 ? 101 : 1' G=1 B=1 \
+		variance.R='$x == 20 && $y == 20 ? 10000 : 0.0001' variance.G=0 variance.B=0
+	"$gdapr" in.exr out.exr --compression none
+	near "$(val out.exr R)" "$(val in.exr R)" 1e-4
+	near "$(val out.exr R 20 20)" 1.2268 0.01	# 100 over 21x21 pixels
+	"$gdapr" --spikes drop in.exr out.exr --compression none
+	near "$(val out.exr R)" 1 1e-4
+	"$support/mkexr.pl" in.exr 41 41 R='$x == 20 && $y == 20 ? 1e30 : 1' G=1 B=1 \
+		variance.R='$x == 20 && $y == 20 ? inf() : 0.0001' variance.G=0 variance.B=0
+	"$gdapr" in.exr out.exr --compression none
+	awk -v r="$(val out.exr R 20 20)" 'BEGIN { exit !(r < 20) }'
+}
+
+@test "what is missing is named; exit 2, no output" {
+	"$support/mkexr.pl" in.exr 5 5 R=1 B=1
+	for t in "no channel G|" "no feature layer albedo|-f albedo" "no layer diffuse|-l diffuse"; do
+		[ "${t%%|*}" = "no channel G" ] || "$support/mkexr.pl" in.exr 5 5 R=1 G=1 B=1
+		run --separate-stderr "$gdapr" ${t##*|} in.exr out.exr
+		[ "$status" -eq 2 ] && [ -z "$output" ]
+		[ "$stderr" = "gdapr: in.exr: ${t%%|*}" ]
+		[ ! -e out.exr ]
+	done
+}
+
+@test "options out of range" {
+	frame in.exr
+	for o in "-r 65" "--order 4" "--order-min 2 --order 1" "--step 0" "-r 2 --step 6" "--kernel disc" "--spikes away"; do
+		run --separate-stderr "$gdapr" $o in.exr out.exr
+		[ "$status" -eq 2 ] && [ -n "$stderr" ] && [ "${#stderr_lines[@]}" -le 2 ]
+		[ ! -e out.exr ]
+	done
+}
+
+@test "one pixel, one row, one column" {
+	for s in "1 1" "1 9" "9 1" "2 2"; do
+		"$support/mkexr.pl" in.exr $s R='1 + $x + $y' G=1 B=1 variance.R=0.01 variance.G=0.01 variance.B=0.01 Z='$x'
+		"$gdapr" in.exr out.exr --compression none
+		near "$(val out.exr G)" 1 1e-5
+	done
+}
+
+@test "figures for --stats" {
+	frame in.exr
+	"$gdapr" in.exr out.exr --stats s.json
+	grep -q '"spikes": *[0-9]' s.json
+	grep -q '"mended": *0' s.json
+}
