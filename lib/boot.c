@@ -15,7 +15,7 @@
 #include "multigrid.h"
 #include "rng.h"
 
-#define MAX_ITERATIONS 200
+#define MAX_ITERATIONS 1000
 
 struct boot {
 	const struct gd_boot_in *in;
@@ -106,7 +106,7 @@ static int weights(struct boot *b, bool first, size_t *dropped, struct gd_err *e
 		b->phi = median > 0 ? fmin(fmax(b->conf->floor * median, 1e-30), 1e30) : 1;
 		b->result.phi = median > 0 ? b->phi * unscale * unscale : 0;
 	}
-	rc = gd_edges_smooth(b->grid, b->grid->r, b->conf->smooth_px, 1e6 * b->phi, err);
+	rc = gd_edges_smooth(b->grid, b->grid->r, b->conf->smooth_px, GD_EDGES_CAP * b->phi, err);
 	if (rc == GD_OK)
 		*dropped = gd_edges_weigh(b->grid, b->phi);
 	return rc;

@@ -171,9 +171,9 @@ size_t gd_edges_weigh(const struct gd_mg_level *l, double phi)
 	return none;
 }
 
-static bool linked(const void *plane, bool wide, size_t i)
+static bool linked(const void *plane, bool wide, double least, size_t i)
 {
-	return wide ? ((const double *)plane)[i] > 0 : ((const float *)plane)[i] > 0;
+	return (wide ? ((const double *)plane)[i] : (double)((const float *)plane)[i]) > least;
 }
 
 static int root(int *label, int i)
@@ -194,7 +194,7 @@ static void join(int *label, int i, int j)
 		label[i] = j;
 }
 
-int gd_edges_parts(const struct gd_mg_level *l, bool wide, int *label)
+int gd_edges_parts(const struct gd_mg_level *l, bool wide, double least, int *label)
 {
 	const int w = l->w, n = w * l->h;
 	int parts = 0;
@@ -203,9 +203,9 @@ int gd_edges_parts(const struct gd_mg_level *l, bool wide, int *label)
 		const int x = i % w, y = i / w;
 
 		label[i] = i;
-		if (x > 0 && linked(l->e, wide, (size_t)y * l->stride + (size_t)x - 1))
+		if (x > 0 && linked(l->e, wide, least, (size_t)y * l->stride + (size_t)x - 1))
 			join(label, i, i - 1);
-		if (y > 0 && linked(l->s, wide, (size_t)(y - 1) * l->stride + (size_t)x))
+		if (y > 0 && linked(l->s, wide, least, (size_t)(y - 1) * l->stride + (size_t)x))
 			join(label, i, i - w);
 	}
 	for (int i = 0; i < n; i++)

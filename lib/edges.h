@@ -22,6 +22,12 @@ double gd_median_positive(const struct gd_rows *rows);
 double gd_edges_median(const struct gd_mg_level *l);
 
 /*
+ * Variances above this times phi are not spread by smoothing. Renders want their fireflies spread, as the
+ * neighbours of a path that was found once are where it was missed: a cap of 1e4 trebles the error of the worst.
+ */
+#define GD_EDGES_CAP 1e8
+
+/*
  * Blurs var_e by a Gaussian of sigma pixels (none if 0) over edges of the same direction. What a variance has
  * above cap stays where it is: one firefly must not silence its whole neighbourhood.
  * spare: one plane of the level.
@@ -36,9 +42,9 @@ size_t gd_edges_weigh(const struct gd_mg_level *l, double phi);
 int gd_gauss_taps(float *tap, double sigma);
 
 /*
- * Connected parts by edges of positive weight. label: h x w integers (row after row).
+ * Connected parts by edges of more than least (0: any positive weight). label: h x w integers (row after row).
  * Parts are numbered from 0 in the order of their first pixel. Returns their number.
  */
-int gd_edges_parts(const struct gd_mg_level *l, bool wide, int *label);
+int gd_edges_parts(const struct gd_mg_level *l, bool wide, double least, int *label);
 
 #endif

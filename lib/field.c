@@ -277,7 +277,7 @@ int gd_field_anchor(const struct gd_field *field, const struct gd_mg_level *l, b
 	label = gd_alloc(n, sizeof(*label));
 	work = gd_alloc((size_t)l->w, sizeof(*work));
 	if (label && work) {
-		count = gd_edges_parts(l, wide, label);
+		count = gd_edges_parts(l, wide, 0, label);
 		part = gd_calloc((size_t)count, sizeof(*part));
 	}
 	if (part) {

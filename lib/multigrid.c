@@ -27,6 +27,7 @@ struct gd_mg {
 };
 
 enum phase { PRE, POST };
+enum colour { RED, BLACK };	/* x + y even, odd */
 
 static bool worth_threads(const struct gd_mg_level *l)
 {
@@ -244,6 +245,8 @@ void gd_mg_setup(struct gd_mg *mg)
 
 	FOR_ROWS(&mg->level[0], y)
 		k->diagonal(&mg->level[0], y);
+	FOR_ROWS(&mg->level[0], y)
+		k->schur(&mg->level[0], y);
 	for (int i = 1; i < mg->levels; i++) {
 		const struct gd_mg_level *fine = &mg->level[i - 1], *coarse = &mg->level[i];
 
@@ -261,54 +264,55 @@ void gd_mg_setup(struct gd_mg *mg)
 	factorise(mg);
 }
 
-static void first_half(const struct gd_mg *mg, int i, enum phase phase, int y)
+/*
+ * Part k of a sweep at row y. Level 0: black, red by its reduced diagonal, black again; this is symmetric, so
+ * the same sweep goes before and after. Coarser levels: one half of the rows, then the other half, in the
+ * opposite order after.
+ */
+static void sweep_row(const struct gd_mg *mg, int i, enum phase phase, int k, int y)
 {
 	const struct gd_mg_level *l = &mg->level[i];
+	const struct gd_mg_kernels *f = mg->k;
 
-	if (i == 0 && phase == PRE)
-		mg->k->start(l, mg->n, y);
-	else if (i == 0)
-		mg->k->relax(l, mg->n, y, 1);
-	else if ((y & 1) == (phase == PRE ? 0 : 1))
-		mg->k->relax9(l, mg->n, y, phase == PRE ? 0 : 1);
-}
-
-static void second_half(const struct gd_mg *mg, int i, enum phase phase, int y)
-{
-	const struct gd_mg_level *l = &mg->level[i];
-
-	if (i == 0)
-		mg->k->relax(l, mg->n, y, phase == PRE ? 1 : 0);
-	else if ((y & 1) == (phase == PRE ? 1 : 0))
-		mg->k->relax9(l, mg->n, y, phase == PRE ? 0 : 1);
-	if (i == 0 && phase == POST)
-		mg->k->dot(mg->partial + (size_t)y * mg->n, l->r, l->z, l, mg->n, y);
+	if (i > 0 && (y & 1) == (phase == PRE ? k : 1 - k))
+		f->relax9(l, mg->n, y, phase == PRE ? 0 : 1);
+	if (i > 0)
+		return;
+	if (k == 0 && phase == PRE)
+		f->start(l, mg->n, y);
+	else if (k == 1 && phase == POST)
+		f->correct(l, mg->n, y);
+	else
+		f->relax(l, mg->n, y, k == 1 ? RED : BLACK);
+	if (k == 2 && phase == POST)
+		f->dot(mg->partial + (size_t)y * mg->n, l->r, l->z, l, mg->n, y);
 }
 
 /*
- * One sweep of Gauss-Seidel, both halves in one pass over memory: the second half of row y - 1 follows the
- * first half of row y. Rows at the ends of a thread's band wait until the neighbours are done with the
- * first half. Every point sees the same values as without bands.
+ * One sweep of Gauss-Seidel, its two or three parts in one pass over memory: part k of row y - k follows
+ * the first part of row y. Rows near the ends of a thread's band wait until the neighbours are done with
+ * the part before. Every point sees the same values as without bands.
  */
 static void sweep(const struct gd_mg *mg, int i, enum phase phase)
 {
 	const struct gd_mg_level *l = &mg->level[i];
+	const int parts = i == 0 ? 3 : 2;
 
 #pragma omp parallel if (worth_threads(l))
 	{
 		const int threads = omp_get_num_threads(), id = omp_get_thread_num();
 		const int y0 = (int)((long)l->h * id / threads), y1 = (int)((long)l->h * (id + 1) / threads);
 
-		for (int y = y0; y < y1; y++) {
-			first_half(mg, i, phase, y);
-			if (y - 1 > y0)
-				second_half(mg, i, phase, y - 1);
-		}
+		for (int y = y0; y < y1 + parts - 1; y++)
+			for (int k = 0; k < parts; k++)
+				if (y - k >= y0 + k && y - k < y1 - k)
+					sweep_row(mg, i, phase, k, y - k);
+		for (int k = 1; k < parts; k++) {
 #pragma omp barrier
-		if (y1 > y0)
-			second_half(mg, i, phase, y0);
-		if (y1 - 1 > y0)
-			second_half(mg, i, phase, y1 - 1);
+			for (int y = y0; y < y1; y++)
+				if (y < y0 + k || y >= y1 - k)
+					sweep_row(mg, i, phase, k, y);
+		}
 	}
 }
 

@@ -5,8 +5,8 @@
  * for up to three right-hand sides at once. Semi-definite A (no a, several parts) is welcome as long as the
  * right-hand side sums to 0 over each part; the constants of the parts are then arbitrary.
  *
- * The preconditioner is one V(1,1)-cycle: Gauss-Seidel, red-black on the finest grid and in four colours on
- * the others, coarsening by 2 with interpolation that follows the weights (J. Dendy, Black box multigrid, 1982)
+ * The preconditioner is one V(1,1)-cycle: Gauss-Seidel in four colours, on the finest grid black - red - black
+ * with the red diagonal of the Schur complement (an incomplete factorisation, really), coarsening by 2 with interpolation that follows the weights (J. Dendy, Black box multigrid, 1982)
  * and Galerkin coarse operators, kept as edges: a coarse edge is the sum of the energies of the fine ones, so
  * jumps of the weights by any factor do no harm to the operator itself. The coarsest grid, 64 points or
  * fewer, is solved directly.

@@ -12,10 +12,9 @@
 #include "kernel/poisson_prep.h"
 #include "multigrid.h"
 
-/* Below a relative residual of 3e-6 the rounding of float shows; weights that span more than 1e6 let parts of the
- * image hang on edges whose pull is lost in it. */
-#define FLOAT_TOLERANCE 3e-6
-#define FLOAT_SPAN 1e-6
+#define FLOAT_TOLERANCE 3e-6	/* below this relative residual the rounding of float shows */
+#define FLOAT_SPAN 1e-7		/* a part that hangs on the rest by less than this times the largest weight: */
+				/* rounding inside it outweighs the pull that sets its constant */
 #define L1_STEP 0.05	/* relative residual of each reweighted system: the next one has other weights anyway */
 #define L1_FIRST 0.05	/* regularisation of the weights, of the typical brightness */
 #define L1_LAST 5e-3
@@ -104,7 +103,7 @@ static int weights(struct solver *s, struct gd_err *err)
 
 		if (median > 0)		/* else all variances are 0, and all weights equal */
 			phi = fmin(fmax(s->conf->floor * median, 1e-30), 1e30);
-		rc = gd_edges_smooth(l, gd_mg_spare(s->mg), s->conf->smooth_px, 1e6 * phi, err);
+		rc = gd_edges_smooth(l, gd_mg_spare(s->mg), s->conf->smooth_px, GD_EDGES_CAP * phi, err);
 		s->result.phi = median > 0 ? phi * unscale * unscale : 0;
 	}
 	if (rc == GD_OK)
@@ -127,6 +126,26 @@ static double least_weight(const struct gd_mg_level *l)
 		}
 	}
 	return least;
+}
+
+/* Is there a part of two pixels or more that hangs on the rest by weights that float cannot see? */
+static bool needs_double(const struct gd_mg_level *l)
+{
+	const size_t n = (size_t)l->w * (size_t)l->h;
+	int *label, *pixels, many = 0;
+
+	if (least_weight(l) > FLOAT_SPAN)
+		return false;
+	label = gd_alloc(n, sizeof(*label));
+	pixels = gd_calloc(n, sizeof(*pixels));
+	if (label && pixels) {
+		gd_edges_parts(l, false, FLOAT_SPAN, label);
+		for (size_t i = 0; i < n; i++)
+			many += ++pixels[label[i]] == 2;
+	}
+	free(label);
+	free(pixels);
+	return many > 1;
 }
 
 /* Replaces the float grids by double ones with the same weights, for one channel at a time. */
@@ -264,7 +283,7 @@ int gd_poisson_solve(const struct gd_plane *out, const struct gd_poisson_in *in,
 	if (rc == GD_OK)
 		rc = weights(&s, err);
 	if (rc == GD_OK && conf->method != GD_L1 &&
-	    (conf->tolerance < FLOAT_TOLERANCE || least_weight(gd_mg_grid(s.mg)) < FLOAT_SPAN))
+	    (conf->tolerance < FLOAT_TOLERANCE || needs_double(gd_mg_grid(s.mg))))
 		rc = widen(&s, screened, err);
 	if (rc == GD_OK)
 		rc = conf->method == GD_L1 ? reweighted(&s, out, report) : linear(&s, out, err);

@@ -39,6 +39,7 @@ struct gd_mg_kernels {
 	size_t size;		/* of an element */
 	/* Set-up. */
 	void (*diagonal)(const struct gd_mg_level *l, int y);
+	void (*schur)(const struct gd_mg_level *l, int y);	/* after diagonal() of all rows */
 	void (*interpolate)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int y);
 	void (*galerkin)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int y);
 	void (*combine)(const struct gd_mg_level *coarse, int y);
@@ -48,6 +49,7 @@ struct gd_mg_kernels {
 	/* Level 0, red-black. */
 	void (*start)(const struct gd_mg_level *l, int n, int y);
 	void (*relax)(const struct gd_mg_level *l, int n, int y, int colour);
+	void (*correct)(const struct gd_mg_level *l, int n, int y);
 	void (*restrict_red)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y,
 			     void *work);
 	void (*prolong_red)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y);
