@@ -48,9 +48,10 @@ static int sample_at(int k, int n)
 
 /*
  * Median of a feature, and the lower quartile of its distance from that where there is any: where the
- * zero of the feature lies and how far its values reach at least, both untouched by a sky at 1e10.
+ * zero of the feature lies and how far its values reach at least, both untouched by a sky at 1e10; the range is
+ * that between the percentiles 0.5 and 99.5.
  */
-static void feature_scale(struct gd_plane f, double *median, double *scale)
+static void feature_scale(struct gd_plane f, double *median, double *scale, double *range)
 {
 	double v[SAMPLES * SAMPLES];
 	int n = 0, far = 0;
@@ -60,6 +61,7 @@ static void feature_scale(struct gd_plane f, double *median, double *scale)
 			v[n++] = (double)gd_row(f, sample_at(j, f.h))[sample_at(i, f.w)];
 	qsort(v, (size_t)n, sizeof *v, compare);
 	*median = v[n / 2];
+	*range = v[n - 1 - n / 200] - v[n / 200];
 	for (int i = 0; i < n; i++)
 		if (v[i] != *median)
 			v[far++] = fabs(v[i] - *median);
@@ -91,7 +93,7 @@ static void take_features(struct gd_apr_plan *p, const struct gd_apr_in *in, con
 			  const struct gd_report *report)
 {
 	for (int a = 0; a < in->nfeat; a++) {
-		double scale;
+		double scale, range;
 		int k = 0;
 
 		while (k < p->nf && !same(p->feat[k], in->feat[a]))
@@ -100,7 +102,8 @@ static void take_features(struct gd_apr_plan *p, const struct gd_apr_in *in, con
 			gd_note(report, "feature plane %d is %s: left out", a, k < p->nf ? "a copy" : "constant");
 			continue;
 		}
-		feature_scale(in->feat[a], &p->ref[k], &scale);
+		feature_scale(in->feat[a], &p->ref[k], &scale, &range);
+		p->flat[k] = conf->flat * range * range;
 		p->floor[k] = 1e-12 * scale * scale;	/* float rounding of a renderer's sums: 1e-6 of the scale */
 		p->feat[k] = in->feat[a];
 		if (conf->feature_noise > 0 && in->feat_var && in->feat_var[a].v) {
@@ -195,6 +198,8 @@ static int check(const struct gd_apr_out *out, const struct gd_apr_in *in, const
 			       c->order_max, GD_APR_ORDER);
 	if (c->order_min < c->order_max && in->nvar < 1)
 		return gd_fail(err, GD_EARG, "apr: no variance to choose the order by");
+	if (!(c->ridge >= 0 && c->flat >= 0))
+		return gd_fail(err, GD_EARG, "apr: ridge %g and flat %g, expected 0 or more", c->ridge, c->flat);
 	if (!(c->correlation > 0))
 		return gd_fail(err, GD_EARG, "apr: correlation %g, expected above 0", c->correlation);
 	if (!in->y[0].v || in->y[0].w < 1 || in->y[0].h < 1)
@@ -269,6 +274,7 @@ int gd_apr_fit(const struct gd_apr_out *out, const struct gd_apr_in *in, const s
 	plan->var = in->var;
 	plan->weight = in->weight;
 	plan->noise = conf->feature_noise;
+	plan->ridge = conf->ridge;
 	plan->correlation = conf->correlation;
 	plan->level2 = level_squared(in);
 	take_features(plan, in, conf, report);

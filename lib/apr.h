@@ -34,9 +34,13 @@ struct gd_apr_conf {
 					 * it, is below this many times its noise variance; 0: never */
 	double correlation;		/* variance of a sum of neighbouring pixels' noise over the sum of their
 					 * variances: 1 where pixels are independent; > 0 */
+	double ridge;			/* pull of every slope towards 0, relative to the column's spread in the
+					 * window: tames directions with less than that left by earlier columns */
+	double flat;			/* pull of feature slopes: the mean square about the window's mean, in
+					 * squares of the feature's range over the image, that halves a slope */
 };
-#define GD_APR_DEFAULTS { 10, 5, 0, 3, GD_APR_GAUSS, 1.0, 1.0 }
-#define GD_APR_PAPER	{ 21, 4, 0, 3, GD_APR_GAUSS, 1.0, 1.0 }	/* 43 x 43 windows */
+#define GD_APR_DEFAULTS { 10, 5, 0, 3, GD_APR_GAUSS, 1.0, 1.0, 0, 0 }
+#define GD_APR_PAPER	{ 21, 4, 0, 3, GD_APR_GAUSS, 1.0, 1.0, 0, 0 }	/* 43 x 43 windows */
 
 /*
  * What goes in: planes of one size, any unit, all finite (gd_apr_clean() makes them so).

@@ -29,6 +29,8 @@ struct gd_apr_plan {
 	int noisy[GD_APR_FEATURES];
 	double ref[GD_APR_FEATURES];	/* subtracted from a feature: its median */
 	double floor[GD_APR_FEATURES];	/* mean square below which a feature's spread is rounding */
+	double ridge;			/* as in struct gd_apr_conf */
+	double flat[GD_APR_FEATURES];	/* the same, times the square of the feature's range */
 	double noise;			/* feature_noise */
 	double correlation;
 	double level2;			/* added to a squared mean where channels are weighed; > 0 */

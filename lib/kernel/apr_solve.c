@@ -98,6 +98,9 @@ static void decompose(const struct gd_apr_plan *p, gd_vec *a, const gd_vec *s, s
 			gd_vec spread = d - lj[0] * lj[0];
 
 			least = larger(least, COLLINEAR * spread);
+			d += p->ridge * larger(spread, (gd_vec){ 0 });
+			if (j <= p->nf)
+				d += p->flat[j - 1] * weight;
 			least = larger(least, feature_noise(p, s, j));
 			if (j <= p->nf)
 				least = larger(least, p->floor[j - 1] * weight);

@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Cross-fitted regression: the default denoiser. The samples come as two independent halves. From each
+ * half alone a guess of the image is made, the pilot (nlr.h), and where there are gradients the feature
+ * (feature.h). Then the colour of either half is regressed on what the OTHER half says:
+ *	y_A ~ G-buffers + pilot_B + feature_B + polynomial of the position		(apr.h)
+ * in windows of several sizes, and all fits of both halves are averaged. As the regressors do not know
+ * the noise of what they explain, a fit cannot reproduce it, and slopes shrink by themselves where
+ * pilot or feature are poor. The pixels of a fit weigh
+ *	1 / (l^2 + (level / 10)^2),	l = luminance of the pilot of the other half,
+ * so that relative errors count and the brightest pixel of a window does not rule it; as l does not
+ * know the noise either, this does not darken the image. What the misfit of a linear model still takes
+ * from the mean of the image, or adds to it, is given back by one factor for all pixels.
+ */
+#ifndef GD_CROSSFIT_H
+#define GD_CROSSFIT_H
+
+#include <stdbool.h>
+
+#include "apr.h"
+
+struct gd_crossfit_conf {
+	bool fast;	/* one model in place of several */
+};
+
+/*
+ * Planes of one size, finite.
+ * y        ny planes of either half: the colour R G B, then any that share its weights; overwritten
+ * var      variance of the mean of a half's colour (either), >= 0; v = NULL: from the difference of the halves
+ * feat     nfeat planes common to both halves (G-buffers), filtered where they were noisy; scaled in
+ *          place, and scaled back
+ * feature  of either half, n planes; n = 0: none
+ */
+struct gd_crossfit_in {
+	int ny, nfeat, nfeature;
+	struct gd_plane y[2][GD_APR_RHS], var[3];
+	struct gd_plane feat[GD_APR_FEATURES], feature[2][4];
+};
+
+/*
+ * est      ny planes; not negative where no plane of y is (with ny = 3; more are left as they are, so
+ *          that layers still add up to the colour)
+ * mse      3 planes: estimated mean squared error of the colour
+ * Must not overlap the input.
+ */
+struct gd_crossfit_out {
+	struct gd_plane *est, *mse;
+};
+
+struct gd_crossfit_result {
+	int models;			/* regressions averaged, both halves together */
+	double pilot_seconds, fit_seconds;
+	double gain;			/* the factor that keeps the mean */
+};
+
+/* Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. The result does not depend on the number of threads. */
+int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in, const struct gd_crossfit_conf *conf,
+		    struct gd_crossfit_result *result, const struct gd_report *report, struct gd_err *err);
+
+#endif
