@@ -102,13 +102,6 @@ static void scale_plane(struct gd_plane p, double minus, double times, double pl
 			gd_row(p, y)[x] = to_float(((double)gd_row(p, y)[x] - minus) * times + plus);
 }
 
-static void copy_plane(struct gd_plane to, struct gd_plane from)
-{
-#pragma omp parallel for schedule(static)
-	for (int y = 0; y < to.h; y++)
-		memcpy(gd_row(to, y), gd_row(from, y), (size_t)to.w * sizeof(float));
-}
-
 /* p = mean over side x side windows */
 static int smooth(struct gd_plane *p, int n, struct gd_plane spare, int side, struct gd_err *err)
 {
@@ -125,15 +118,13 @@ static int pilot_variance(struct gd_plane var[3], struct gd_plane spare, const s
 			  struct gd_err *err)
 {
 	for (int c = 0; c < 3; c++) {
-		if (in->var[c].v) {
-			copy_plane(var[c], in->var[c]);
-			continue;
-		}
+#pragma omp parallel for schedule(static)
 		for (int y = 0; y < var[c].h; y++)
 			for (int x = 0; x < var[c].w; x++) {
 				double d = (double)gd_row(in->y[0][c], y)[x] - (double)gd_row(in->y[1][c], y)[x];
 
-				gd_row(var[c], y)[x] = to_float(d * d / 2);
+				gd_row(var[c], y)[x] = to_float(in->var[c].v ? 2 * (double)gd_row(in->var[c], y)[x] :
+									       d * d / 2);
 			}
 	}
 	return smooth(var, 3, spare, in->var[0].v ? 3 : 7, err);
@@ -229,7 +220,7 @@ static int make_weight(struct gd_plane weight, const struct gd_plane *pilot, str
 	return GD_OK;
 }
 
-static void add_planes(struct gd_plane *sum, const struct gd_plane *from, int n, double times)
+static void add_planes(const struct gd_plane *sum, const struct gd_plane *from, int n, double times)
 {
 	for (int c = 0; c < n; c++) {
 #pragma omp parallel for schedule(static)
@@ -243,12 +234,19 @@ static void add_planes(struct gd_plane *sum, const struct gd_plane *from, int n,
 	}
 }
 
+/* Planes to estimate. */
+static int planes(const struct gd_crossfit_in *in)
+{
+	return in->nwhole ? in->nwhole : in->ny;
+}
+
 static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half, const struct model *m,
 		     const struct gd_report *report, struct gd_err *err)
 {
 	struct gd_apr_conf conf = GD_APR_DEFAULTS;
 	struct gd_plane feat[GD_APR_FEATURES];
-	struct gd_apr_in apr = { .ny = in->ny, .y = in->y[half], .feat = feat, .weight = w->weight };
+	struct gd_apr_in apr = { .ny = planes(in), .y = in->nwhole ? in->whole : in->y[half], .feat = feat,
+				 .weight = w->weight };
 	struct gd_apr_out out = { .est = w->fit };
 
 	for (int a = 0; a < in->nfeat && apr.nfeat < GD_APR_FEATURES - 7; a++)
@@ -265,23 +263,21 @@ static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half, 
 	return gd_apr_fit(&out, &apr, &conf, report, err);
 }
 
-/* The mean of all models of a half goes into its y. */
-static int fit_half(struct work *w, struct gd_crossfit_in *in, int half, const struct model *model, int n,
-		    const struct gd_report *report, struct gd_err *err)
+/* sum = the mean of all models of a half */
+static int fit_half(const struct gd_plane *sum, struct work *w, const struct gd_crossfit_in *in, int half,
+		    const struct model *model, int n, const struct gd_report *report, struct gd_err *err)
 {
 	size_t bytes = gd_stride(in->y[0][0].w) * (size_t)in->y[0][0].h * sizeof(float);
 	int rc = make_weight(w->weight, w->pilot[1 - half], err);
 
-	for (int c = 0; c < in->ny; c++)
-		memset(w->sum[c].v, 0, bytes);
+	for (int c = 0; c < planes(in); c++)
+		memset(sum[c].v, 0, bytes);
 	for (int i = 0; i < n && rc == GD_OK; i++) {
 		gd_progress(report, "fitting", (half * n + i) / (2.0 * n));
 		rc = fit_model(w, in, half, &model[i], report, err);
 		if (rc == GD_OK)
-			add_planes(w->sum, w->fit, in->ny, 1.0 / n);
+			add_planes(sum, w->fit, planes(in), 1.0 / n);
 	}
-	for (int c = 0; c < in->ny && rc == GD_OK; c++)
-		copy_plane(in->y[half][c], w->sum[c]);
 	return rc;
 }
 
@@ -305,20 +301,20 @@ static double total(const struct gd_plane *rgb, bool *negative)
 	return sum;
 }
 
-/* est and mse from the fits of the halves, which are in in->y. */
-static int join(const struct gd_crossfit_out *out, const struct gd_crossfit_in *in, bool negative,
+/* est and mse from the fits of the halves: est holds the first, other the second. */
+static int join(const struct gd_crossfit_out *out, const struct gd_plane *other, int n, bool negative,
 		struct gd_plane spare, struct gd_err *err)
 {
-	for (int c = 0; c < in->ny; c++) {
+	for (int c = 0; c < n; c++) {
 #pragma omp parallel for schedule(static)
-		for (int y = 0; y < in->y[0][c].h; y++) {
-			const float *restrict a = gd_row(in->y[0][c], y), *restrict b = gd_row(in->y[1][c], y);
-			float *restrict est = gd_row(out->est[c], y);
+		for (int y = 0; y < other[c].h; y++) {
+			const float *restrict b = gd_row(other[c], y);
+			float *restrict a = gd_row(out->est[c], y);
 
-			for (int x = 0; x < in->y[0][c].w; x++) {
+			for (int x = 0; x < other[c].w; x++) {
 				double e = ((double)a[x] + (double)b[x]) / 2, d = ((double)a[x] - (double)b[x]) / 2;
 
-				est[x] = e < 0 && !negative ? 0 : to_float(e);
+				a[x] = e < 0 && !negative ? 0 : to_float(e);
 				if (c < 3)
 					gd_row(out->mse[c], y)[x] = to_float(d * d);
 			}
@@ -382,21 +378,21 @@ int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in
 
 	n = conf->fast ? 1 : n;
 	sum = (total(in->y[0], &negative) + total(in->y[1], &negative)) / 2;
-	negative = negative || in->ny > 3;
+	negative = negative || planes(in) > 3;
 	rc = make_pilots(&w, in, report, err);
 	result->pilot_seconds = gd_seconds() - start;
 	if (rc == GD_OK)
 		rc = new_plane(&w.weight, in->y[0][0], err);
 	if (rc == GD_OK)
-		rc = new_planes(w.sum, in->ny, in->y[0][0], err);
+		rc = new_planes(w.sum, planes(in), in->y[0][0], err);
 	if (rc == GD_OK)
-		rc = new_planes(w.fit, in->ny, in->y[0][0], err);
+		rc = new_planes(w.fit, planes(in), in->y[0][0], err);
 	for (int half = 0; half < 2 && rc == GD_OK; half++)
-		rc = fit_half(&w, in, half, model, n, report, err);
+		rc = fit_half(half ? w.sum : out->est, &w, in, half, model, n, report, err);
 	if (rc == GD_OK)
-		rc = join(out, in, negative, w.weight, err);
+		rc = join(out, w.sum, planes(in), negative, w.weight, err);
 	if (rc == GD_OK)
-		result->gain = keep_mean(out->est, in->ny, sum, err);
+		result->gain = keep_mean(out->est, planes(in), sum, err);
 	result->models = 2 * n;
 	result->fit_seconds = gd_seconds() - start - result->pilot_seconds;
 	free_planes(w.pilot[0], 3);

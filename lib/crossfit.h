@@ -25,21 +25,23 @@ struct gd_crossfit_conf {
 
 /*
  * Planes of one size, finite.
- * y        ny planes of either half: the colour R G B, then any that share its weights; overwritten
- * var      variance of the mean of a half's colour (either), >= 0; v = NULL: from the difference of the halves
+ * y        ny planes of either half: the colour R G B, then any that share its weights
+ * whole    nwhole planes of all samples to estimate in place of y (the colour first), where layers have no
+ *          halves of their own: smoothed with the mean of the weights that either half gets; 0: none
+ * var      variance of the mean of all samples' colour, >= 0; v = NULL: from the difference of the halves
  * feat     nfeat planes common to both halves (G-buffers), filtered where they were noisy; scaled in
  *          place, and scaled back
  * feature  of either half, n planes; n = 0: none
  */
 struct gd_crossfit_in {
-	int ny, nfeat, nfeature;
-	struct gd_plane y[2][GD_APR_RHS], var[3];
+	int ny, nwhole, nfeat, nfeature;
+	struct gd_plane y[2][GD_APR_RHS], whole[GD_APR_RHS], var[3];
 	struct gd_plane feat[GD_APR_FEATURES], feature[2][4];
 };
 
 /*
- * est      ny planes; not negative where no plane of y is (with ny = 3; more are left as they are, so
- *          that layers still add up to the colour)
+ * est      ny (nwhole) planes; not negative where no plane of y is (with 3 planes; more are left as they are,
+ *          so that layers still add up to the colour)
  * mse      3 planes: estimated mean squared error of the colour
  * Must not overlap the input.
  */

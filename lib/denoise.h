@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * A buffer of gd-buffers(5) in, a clean image with its estimated error out: chooses the channels, mends
+ * what is no number, filters noisy features, and runs one of
+ *	cross-fitted regression (crossfit.h) where the samples come in halves or bins: the default
+ *	one adaptive polynomial regression on all samples (apr_paper.h): where they do not, or if asked for
+ */
+#ifndef GD_DENOISE_H
+#define GD_DENOISE_H
+
+#include <stdbool.h>
+
+#include "apr_paper.h"
+#include "buffers.h"
+
+struct gd_denoise_conf {
+	bool single;			/* one regression on all samples, with the two settings below */
+	struct gd_apr_conf apr;
+	enum gd_apr_spike_mode spikes;
+	bool fast;			/* cross-fitted: one model of either half */
+	bool no_filter;			/* features are taken as they are */
+	bool keep;			/* what was used stays in the image */
+	const char *features;		/* layers, "albedo,N,feature"; "auto": the known ones; "none" */
+	const char *layers;		/* to denoise along with the colour, or NULL */
+};
+#define GD_DENOISE_DEFAULTS ((struct gd_denoise_conf){ \
+	.apr = GD_APR_DEFAULTS, .spikes = GD_SPIKES_RETURN, .features = "auto" })
+
+struct gd_denoise_result {
+	bool crossfit;
+	size_t mended;			/* values that were NaN or Inf */
+	int spikes, models;		/* of the one regression; cross-fitted */
+	double filter_seconds, pilot_seconds, fit_seconds;
+};
+
+/*
+ * Marks what gd_denoise_run() reads and what it does not hand on, in an image of which only the header is
+ * known. GD_ESHAPE names a channel or layer that is missing.
+ */
+int gd_denoise_want(struct gd_image *im, const struct gd_denoise_conf *conf, struct gd_err *err);
+
+/*
+ * Replaces R G B (and the layers), adds error.* and model.*, drops what was used. All outputs are finite.
+ * Layers that add up to the colour do so afterwards; those that come without halves or bins of their own make
+ * the colour be smoothed whole, too, with the weights that the halves gave.
+ * Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM.
+ */
+int gd_denoise_run(struct gd_image *im, const struct gd_denoise_conf *conf, struct gd_denoise_result *result,
+		   const struct gd_report *report, struct gd_err *err);
+
+#endif
