@@ -40,7 +40,7 @@ struct gd_apr_conf {
 					 * squares of the feature's range over the image, that halves a slope */
 };
 #define GD_APR_DEFAULTS { 10, 5, 0, 3, GD_APR_GAUSS, 1.0, 1.0, 0, 0 }
-#define GD_APR_PAPER	{ 21, 4, 0, 3, GD_APR_GAUSS, 1.0, 1.0, 0, 0 }	/* 43 x 43 windows */
+#define GD_APR_PAPER	{ 21, 6, 0, 3, GD_APR_GAUSS, 1.0, 1.0, 0, 0 }	/* 43 x 43 windows */
 
 /*
  * What goes in: planes of one size, any unit, all finite (gd_apr_clean() makes them so).
