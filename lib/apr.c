@@ -48,8 +48,8 @@ static int sample_at(int k, int n)
 
 /*
  * Median of a feature, and the lower quartile of its distance from that where there is any: where the
- * zero of the feature lies and how far its values reach at least, both untouched by a sky at 1e10; the range is
- * that between the percentiles 0.5 and 99.5.
+ * zero of the feature lies and how far its values reach at least, both untouched by a sky at 1e10;
+ * range is that between the percentiles 0.5 and 99.5.
  */
 static void feature_scale(struct gd_plane f, double *median, double *scale, double *range)
 {

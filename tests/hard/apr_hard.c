@@ -62,8 +62,8 @@ static void test_dense(void **state)
 	(void)state;
 	for (int i = 0; i < 4; i++)
 		for (enum kind k = 0; k < KINDS; k++) {
-			against_dense(hard(size[i][0], size[i][1], k), (struct gd_apr_conf){ 6, 3, 0, 3, GD_APR_GAUSS, 1, 1 }, false);
-			against_dense(hard(size[i][0], size[i][1], k), (struct gd_apr_conf){ 3, 2, 0, 0, GD_APR_BOX, 1, 1 }, true);
+			against_dense(hard(size[i][0], size[i][1], k), (struct gd_apr_conf){ 6, 3, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0 }, false);
+			against_dense(hard(size[i][0], size[i][1], k), (struct gd_apr_conf){ 3, 2, 0, 0, GD_APR_BOX, 1, 1, 0, 0 }, true);
 		}
 }
 
@@ -71,7 +71,7 @@ static void test_dense(void **state)
 static void run_stage(struct scene *s, struct gd_plane est[3], struct gd_plane mse[3], bool variance)
 {
 	static struct gd_apr_frame f;
-	struct gd_apr_conf conf = { 5, 3, 0, 3, GD_APR_GAUSS, 1, 1 };
+	struct gd_apr_conf conf = { 5, 3, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0 };
 	struct gd_apr_out out = { est, mse, { 0 }, { 0 } };
 	struct gd_apr_paper_result result;
 	struct gd_err err = { 0 };

@@ -9,14 +9,15 @@ static void test_sizes(void **state)
 	(void)state;
 	for (size_t i = 0; i < sizeof size / sizeof *size; i++)
 		against_dense(make(size[i][0], size[i][1], 3, 3, 3, 7),
-			      (struct gd_apr_conf){ 5, 3, 0, 3, GD_APR_GAUSS, 1, 1 }, i % 2);
+			      (struct gd_apr_conf){ 5, 3, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0 }, i % 2);
 }
 
 static void test_settings(void **state)
 {
 	static const struct gd_apr_conf conf[] = {
-		{ 0, 1, 0, 0, GD_APR_GAUSS, 1, 1 }, { 1, 1, 0, 3, GD_APR_BOX, 1, 1 }, { 4, 2, 0, 3, GD_APR_BOX, 0, 1 },
-		{ 9, 4, 1, 2, GD_APR_GAUSS, 1, 1 }, { 6, 13, 2, 2, GD_APR_GAUSS, 1, 1 }, { 21, 8, 0, 3, GD_APR_GAUSS, 3, 2.5 },
+		{ 0, 1, 0, 0, GD_APR_GAUSS, 1, 1, 0, 0 }, { 1, 1, 0, 3, GD_APR_BOX, 1, 1, 0, 0 }, { 4, 2, 0, 3, GD_APR_BOX, 0, 1, 0, 0 },
+		{ 9, 4, 1, 2, GD_APR_GAUSS, 1, 1, 0, 0 }, { 6, 13, 2, 2, GD_APR_GAUSS, 1, 1, 0, 0 }, { 21, 8, 0, 3, GD_APR_GAUSS, 3, 2.5, 0, 0 },
+		{ 8, 4, 0, 3, GD_APR_GAUSS, 1, 1, 0.1, 0 }, { 8, 4, 0, 1, GD_APR_BOX, 0, 1, 0.01, 0.02 },
 	};
 
 	(void)state;

@@ -112,12 +112,26 @@ static inline double level2(const struct scene *s)
 	return 0.01 * sum * sum;
 }
 
-/* Dense fit of one window; adds its predictions to est (and the error and order) and its weights to sum. */
+/* Squared distance of the percentiles 0.5 and 99.5 of a feature, over 64x64 places. */
+static inline double range2(struct gd_plane f)
+{
+	double v[64 * 64];
+
+	for (int i = 0; i < 64 * 64; i++)
+		v[i] = (double)gd_row(f, i / 64 * (f.h - 1) / 63)[i % 64 * (f.w - 1) / 63];
+	qsort(v, 64 * 64, sizeof *v, ascending);
+	return pow(v[4095 - 20] - v[20], 2);
+}
+
+/*
+ * Dense fit of one window; adds its predictions to est (and the error and order) and its weights to sum.
+ * A pull of column j towards 0 is row n + j of the design: its root in that column, no value of y.
+ */
 static inline void window(const struct scene *s, const struct gd_apr_conf *conf, double level, bool weighted, int cx, int cy,
 		   double *est, double *mse, double *order, double *sum)
 {
 	int r = conf->radius, p = 1 + s->nfeat + 2 * conf->order_max, n = 0, side = 2 * r + 1, best;
-	double *x = calloc((size_t)(side * side * p), sizeof *x), *q = calloc((size_t)(side * side * p), sizeof *q);
+	double *x = calloc((size_t)(side * side * p), sizeof *x), *q = calloc((size_t)((side * side + p) * p), sizeof *q);
 	double *k = calloc((size_t)(side * side), sizeof *k), *fit = calloc((size_t)(side * side * s->ny), sizeof *fit);
 	int *at = calloc((size_t)(side * side), sizeof *at);
 	double *spread = calloc((size_t)(side * side), sizeof *spread);	/* the kernel alone */
@@ -156,22 +170,25 @@ static inline void window(const struct scene *s, const struct gd_apr_conf *conf,
 			for (int l = 0; l < j; l++) {
 				double d = 0;
 
-				for (int i = 0; i < n; i++)
+				for (int i = 0; i < n + p; i++)
 					d += q[i * p + j] * q[i * p + l];
-				for (int i = 0; i < n; i++)
+				for (int i = 0; i < n + p; i++)
 					q[i * p + j] -= d * q[i * p + l];
 				if (pass == 0 && l == 0)
 					for (int i = 0; i < n; i++)
 						about_mean += q[i * p + j] * q[i * p + j];
 			}
-		for (int i = 0; i < n; i++) {
+		if (j > 0)
+			q[(n + j) * p + j] = sqrt(conf->ridge * about_mean +
+				(j <= s->nfeat ? conf->flat * range2(s->feat[j - 1]) * total : 0));
+		for (int i = 0; i < n + p; i++)
 			len += q[i * p + j] * q[i * p + j];
-			if (j >= 1 && j <= s->nfeat)
-				noise += k[i] * (double)s->feat_var[j - 1].v[at[i] / s->w * (int)s->feat_var[j - 1].stride + at[i] % s->w];
-		}
-		if (j > 0 && (len <= 1e-8 * about_mean || len <= 1e-12 * total || len <= 1e-26 * raw || len <= conf->feature_noise * noise))
+		for (int i = 0; i < n && j >= 1 && j <= s->nfeat; i++)
+			noise += k[i] * (double)gd_row(s->feat_var[j - 1], at[i] / s->w)[at[i] % s->w];
+		if (j > 0 && (len <= 1e-8 * about_mean || len <= 1e-12 * total || len <= 1e-26 * raw ||
+			      len <= conf->feature_noise * noise))
 			len = 0;
-		for (int i = 0; i < n; i++)
+		for (int i = 0; i < n + p; i++)
 			q[i * p + j] = len > 0 ? q[i * p + j] / sqrt(len) : 0;
 		for (int c = 0; c < s->ny; c++) {
 			t[j][c] = v[j][c] = 0;

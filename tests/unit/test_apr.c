@@ -102,7 +102,7 @@ static void fit(struct frame *f, struct gd_apr_conf conf)
 	assert_int_equal(gd_apr_fit(&out, &in, &conf, NULL, &err), GD_OK);
 }
 
-static const struct gd_apr_conf settings = { 7, 3, 0, 3, GD_APR_GAUSS, 1, 1 };
+static const struct gd_apr_conf settings = { 7, 3, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0 };
 
 /* Largest difference of two planes, b seen through a map of coordinates, relative to the largest value. */
 static double apart(struct gd_plane a, struct gd_plane b, int map)
