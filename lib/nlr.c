@@ -239,7 +239,7 @@ static void fill_share(const struct gd_nlr_tile *t)
 			lo = lo > x - t->patch ? lo : x - t->patch;
 			hi = hi < x + t->patch + 1 ? hi : x + t->patch + 1;
 			t->share[(dx + t->window) * GD_NLR_TILE_W + x] =
-				hi > lo ? t->scale / (float)(3 * (hi - lo)) : 0.0f;
+				hi > lo ? t->scale / (float)(6 * (hi - lo)) : 0.0f;
 		}
 }
 

@@ -22,7 +22,7 @@
 #define GD_NLR_COLS	(GD_NLR_TERMS + 3 + 1)	/* and y, and the fit weight */
 
 #define GD_NLR_FAR	1e4f	/* where a pixel's distance is cut */
-#define GD_NLR_FAINT	1e-4f	/* weights below are 0 */
+#define GD_NLR_FAR_OUT	9.21034f	/* mean distances beyond have weight 0 instead of 1e-4 */
 
 struct gd_nlr_tile {
 	int w, h;			/* centres; w <= GD_NLR_TILE_W */
@@ -38,7 +38,7 @@ struct gd_nlr_tile {
 	float *weight;			/* of shift s = (dy + window) * side + dx + window: s * WPITCH */
 	float *fit;			/* times the fit weight; the same as weight if there is none */
 	float *ring;			/* for each shift 2 patch + 1 rows of sums of distances */
-	float *share;			/* for each dx: scale / columns of the patch that count */
+	float *share;			/* for each dx: scale / columns of the patch that count / 2 */
 	float *slope;			/* coefficient j of plane c: (c * terms + j) * WPITCH */
 	float *sum;			/* 4 planes: predictions, weights; window more rows around */
 };

@@ -77,13 +77,13 @@ GD_NLR_INLINE void weigh(float *restrict w, const float *restrict ring, const fl
 {
 #pragma omp simd
 	for (int x = 0; x < n; x++) {
-		float s = ring[x], e;
+		float s = ring[x], twice;
 
 		for (int o = 1; o < rows; o++)
 			s += ring[o * GD_NLR_TILE_W + x];
 		s *= share[x] * share_y;
-		e = gd_expf(s > 0.0f ? -s : 0.0f);
-		w[x] = e >= GD_NLR_FAINT ? e : 0.0f;
+		twice = s + fabsf(s);	/* of the positive part; the other half is in the share */
+		w[x] = twice <= GD_NLR_FAR_OUT ? gd_expf_minus(twice) : 0.0f;
 	}
 }
 
