@@ -9,7 +9,7 @@
  *		 + 1e-4 sum_i w_c(i) m_i z_ij^2) b_j^2,   z_i = [1 | f(i) - f(c)]
  *	out_i  = sum_c w_c(i) b_c' z_i / sum_c w_c(i)
  * Patches and windows are cut at the image's border; e = eps times the mean of the variances of the
- * three guide planes over the image (values beyond a thousand times the median cut to that).
+ * three guide planes over the image (values beyond about a thousand times the median cut to that).
  */
 #ifndef GD_NLR_H
 #define GD_NLR_H
