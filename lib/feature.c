@@ -534,29 +534,29 @@ static void copy_feature(struct stage *s, struct gd_plane *out, struct gd_plane 
 	}
 }
 
-static void average_into(struct gd_plane a, struct gd_plane b)
+/* to = part a + part b */
+static void mix(struct gd_plane to, struct gd_plane a, struct gd_plane b, float part)
 {
 #pragma omp parallel for schedule(static)
-	for (int y = 0; y < a.h; y++)
-		for (int x = 0; x < a.w; x++)
-			gd_row(a, y)[x] = 0.5f * gd_row(a, y)[x] + 0.5f * gd_row(b, y)[x];
+	for (int y = 0; y < to.h; y++)
+		for (int x = 0; x < to.w; x++)
+			gd_row(to, y)[x] = part * gd_row(a, y)[x] + part * gd_row(b, y)[x];
 }
 
 /*
  * The weights of each half go to the other half and to the feature of all bins, which becomes the mean
  * of the two results: half of its noise is unknown to either set of weights, where weights from
- * itself would know all of it and keep it. (Its variance is then at most the mean of the two.)
+ * itself would know all of it and keep it. Its variance before is half of that of a half, hence
+ * after, too, for either set of weights; it is at most the mean of these two.
  */
 static int filter_crossed(struct stage *s, struct gd_plane (*out)[3], struct gd_plane (*out_var)[3])
 {
 	const int n = s->n;
-	struct gd_plane other[3], other_var[3];
+	struct gd_plane other[3];
 	int rc = tmp_layer(s, "other", other);
 
-	if (rc == GD_OK)
-		rc = tmp_layer(s, "other.variance", other_var);
 	for (int i = 0; i < 2 && rc == GD_OK; i++) {
-		struct gd_plane in[6], var[6], to[6], to_var[6];
+		struct gd_plane in[6], var[6] = { 0 }, to[6], to_var[6] = { 0 };
 		struct gd_nlm_job job = { n, 2 * n, s->half[1 - i], s->half_local, in, var, to, to_var };
 
 		for (int c = 0; c < n; c++) {
@@ -565,15 +565,13 @@ static int filter_crossed(struct stage *s, struct gd_plane (*out)[3], struct gd_
 			to[c] = out[1 + i][c];
 			to_var[c] = out_var[1 + i][c];
 			in[n + c] = s->whole[c];
-			var[n + c] = s->local[c];
 			to[n + c] = i ? other[c] : out[0][c];
-			to_var[n + c] = i ? other_var[c] : out_var[0][c];
 		}
 		rc = gd_nlm_run(&job, &s->conf->nlm, s->report, s->err);
 	}
 	for (int c = 0; c < n && rc == GD_OK; c++) {
-		average_into(out[0][c], other[c]);
-		average_into(out_var[0][c], other_var[c]);
+		mix(out[0][c], out[0][c], other[c], 0.5f);
+		mix(out_var[0][c], out_var[1][c], out_var[2][c], 0.25f);
 	}
 	return rc;
 }

@@ -341,6 +341,11 @@ static float *rows_of(const struct run *r, float **work, size_t rows, size_t abo
 	return first;
 }
 
+static bool wants_variance(const struct gd_nlm_job *job, int c)
+{
+	return job->out_var && job->out_var[c].v;
+}
+
 /* Lays the tile's arrays out in a thread's work space. */
 static void lay_out(const struct run *r, struct gd_nlm_tile *t, float *work)
 {
@@ -353,7 +358,7 @@ static void lay_out(const struct run *r, struct gd_nlm_tile *t, float *work)
 	for (int c = 0; c < r->job->n; c++) {
 		t->in[c] = rows_of(r, &work, TILE_H, reach);
 		t->sum[c] = rows_of(r, &work, TILE_H, 0);
-		if (!r->job->out_var)
+		if (!wants_variance(r->job, c))
 			continue;
 		t->in_var[c] = rows_of(r, &work, TILE_H, reach);
 		t->sum_var[c] = rows_of(r, &work, TILE_H, 0);
@@ -386,7 +391,7 @@ static void filter_tile(const struct run *r, struct gd_nlm_tile *t, int index)
 			float scale = ldexpf(1.0f, -e[c]);
 
 			r->kernel->mean(t, c, y, scale, gd_row(r->job->out[c], y0 + y) + x0);
-			if (r->job->out_var)
+			if (t->in_var[c])
 				r->kernel->mean_var(t, c, y, scale,
 						    gd_row(r->job->out_var[c], y0 + y) + x0);
 		}
@@ -471,7 +476,7 @@ static int check(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf, s
 	if (rc == GD_OK && job->out_var)
 		rc = check_planes("input variance", job->in_var, job->n, w, h, true, err);
 	if (rc == GD_OK && job->out_var)
-		rc = check_planes("output variance", job->out_var, job->n, w, h, false, err);
+		rc = check_planes("output variance", job->out_var, job->n, w, h, true, err);
 	return rc;
 }
 

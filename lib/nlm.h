@@ -31,7 +31,8 @@ struct gd_nlm_conf {
  * What to filter and by which weights. All planes have one size; v = NULL in a variance plane
  * means exact (variance 0). For a plain filter the guide is the input; for a crossed one, whose
  * weights do not know the noise that they average, it is the other half of the samples.
- * Outputs must not overlap inputs, guides or each other; out_var may be NULL.
+ * Outputs must not overlap inputs, guides or each other; out_var may be NULL, and so may v in some
+ * of its planes: that variance is not wanted.
  */
 struct gd_nlm_job {
 	int nguide, n;			/* 1 .. GD_NLM_PLANES */

@@ -314,6 +314,13 @@ static void no_variance_wanted(void **unused)
 	filter(&a);
 	assert_int_equal(gd_nlm_run(&job, &conf, NULL, &err), GD_OK);
 	assert_memory_equal(a.out[0].v, b.out[0].v, N * a.size * sizeof(float));
+	job.in_var = b.v;
+	job.out_var = b.out_var;
+	b.out_var[1].v = NULL;
+	assert_int_equal(gd_nlm_run(&job, &conf, NULL, &err), GD_OK);
+	assert_memory_equal(a.out[0].v, b.out[0].v, N * a.size * sizeof(float));
+	assert_memory_equal(a.out_var[0].v, b.out_var[0].v, a.size * sizeof(float));
+	assert_memory_equal(a.out_var[2].v, b.out_var[2].v, a.size * sizeof(float));
 	free(b.block);
 	free(a.block);
 }
