@@ -13,6 +13,7 @@
 #define RIDGE		1e-4
 #define FLAT		1e-5
 #define DARK		0.1	/* of the image's level: below it errors count as they are, not relatively */
+#define DISAGREE	2.0	/* squared error per variance of the models about their mean */
 #define GAIN_LIMIT	1.25	/* a mean that is further off is ruled by fireflies, not by misfit */
 
 /* A regression: windows of 2R+1, centres step apart, a polynomial of that order. */
@@ -220,16 +221,22 @@ static int make_weight(struct gd_plane weight, const struct gd_plane *pilot, str
 	return GD_OK;
 }
 
-static void add_planes(const struct gd_plane *sum, const struct gd_plane *from, int n, double times)
+/* Takes the k-th fit (from 1) into the mean of the fits, and into the sum of their squared distances to it. */
+static void add_fit(const struct gd_plane *mean, const struct gd_plane *square, const struct gd_plane *fit, int n, int k)
 {
 	for (int c = 0; c < n; c++) {
 #pragma omp parallel for schedule(static)
-		for (int y = 0; y < sum[c].h; y++) {
-			float *restrict to = gd_row(sum[c], y);
-			const float *restrict f = gd_row(from[c], y);
+		for (int y = 0; y < mean[c].h; y++) {
+			float *restrict m = gd_row(mean[c], y), *restrict s = c < 3 ? gd_row(square[c], y) : NULL;
+			const float *restrict f = gd_row(fit[c], y);
 
-			for (int x = 0; x < sum[c].w; x++)
-				to[x] = to_float((double)to[x] + times * (double)f[x]);
+			for (int x = 0; x < mean[c].w; x++) {
+				double was = (double)m[x], is = was + ((double)f[x] - was) / k;
+
+				m[x] = to_float(is);
+				if (s)
+					s[x] = to_float((double)s[x] + ((double)f[x] - was) * ((double)f[x] - is));
+			}
 		}
 	}
 }
@@ -263,20 +270,26 @@ static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half, 
 	return gd_apr_fit(&out, &apr, &conf, report, err);
 }
 
-/* sum = the mean of all models of a half */
-static int fit_half(const struct gd_plane *sum, struct work *w, const struct gd_crossfit_in *in, int half,
-		    const struct model *model, int n, const struct gd_report *report, struct gd_err *err)
+static void clear(const struct gd_plane *p, int n)
 {
-	size_t bytes = gd_stride(in->y[0][0].w) * (size_t)in->y[0][0].h * sizeof(float);
+	for (int c = 0; c < n; c++)
+		for (int y = 0; y < p[c].h; y++)
+			memset(gd_row(p[c], y), 0, (size_t)p[c].w * sizeof(float));
+}
+
+/* mean = the mean of all models of a half; square as add_fit() has it */
+static int fit_half(const struct gd_plane *mean, const struct gd_plane *square, struct work *w,
+		    const struct gd_crossfit_in *in, int half, const struct model *model, int n,
+		    const struct gd_report *report, struct gd_err *err)
+{
 	int rc = make_weight(w->weight, w->pilot[1 - half], err);
 
-	for (int c = 0; c < planes(in); c++)
-		memset(sum[c].v, 0, bytes);
+	clear(mean, planes(in));
 	for (int i = 0; i < n && rc == GD_OK; i++) {
 		gd_progress(report, "fitting", (half * n + i) / (2.0 * n));
 		rc = fit_model(w, in, half, &model[i], report, err);
 		if (rc == GD_OK)
-			add_planes(sum, w->fit, planes(in), 1.0 / n);
+			add_fit(mean, square, w->fit, planes(in), i + 1);
 	}
 	return rc;
 }
@@ -301,10 +314,17 @@ static double total(const struct gd_plane *rgb, bool *negative)
 	return sum;
 }
 
-/* est and mse from the fits of the halves: est holds the first, other the second. */
-static int join(const struct gd_crossfit_out *out, const struct gd_plane *other, int n, bool negative,
+/*
+ * est and mse from the fits of the halves: est holds the first, other the second, and mse the squared
+ * distances of the models' fits to their mean. The error of the mean is what the halves' noise makes of it,
+ * and its bias; of the bias, how far the models disagree is a measure (factor: as measured).
+ */
+static int join(const struct gd_crossfit_out *out, const struct gd_plane *other, int n, int models, bool negative,
 		struct gd_plane spare, struct gd_err *err)
 {
+	double disagree = models > 1 ? DISAGREE / (2.0 * (models - 1)) : 0;
+
+
 	for (int c = 0; c < n; c++) {
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < other[c].h; y++) {
@@ -316,11 +336,12 @@ static int join(const struct gd_crossfit_out *out, const struct gd_plane *other,
 
 				a[x] = e < 0 && !negative ? 0 : to_float(e);
 				if (c < 3)
-					gd_row(out->mse[c], y)[x] = to_float(d * d);
+					gd_row(out->mse[c], y)[x] =
+						to_float(d * d + disagree * (double)gd_row(out->mse[c], y)[x]);
 			}
 		}
 	}
-	return smooth(out->mse, 3, spare, 7, err);
+	return smooth(out->mse, 3, spare, 5, err);
 }
 
 /*
@@ -387,10 +408,11 @@ int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in
 		rc = new_planes(w.sum, planes(in), in->y[0][0], err);
 	if (rc == GD_OK)
 		rc = new_planes(w.fit, planes(in), in->y[0][0], err);
+	clear(out->mse, 3);
 	for (int half = 0; half < 2 && rc == GD_OK; half++)
-		rc = fit_half(half ? w.sum : out->est, &w, in, half, model, n, report, err);
+		rc = fit_half(half ? w.sum : out->est, out->mse, &w, in, half, model, n, report, err);
 	if (rc == GD_OK)
-		rc = join(out, w.sum, planes(in), negative, w.weight, err);
+		rc = join(out, w.sum, planes(in), n, negative, w.weight, err);
 	if (rc == GD_OK)
 		result->gain = keep_mean(out->est, planes(in), sum, err);
 	result->models = 2 * n;
