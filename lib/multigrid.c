@@ -10,6 +10,7 @@
 
 #define MAX_LEVELS 20		/* 2^17 halves to 1 in 17 steps */
 #define COARSEST 64		/* points solved directly: 64^2 doubles, 87 thousand multiplications */
+#define GROWTH 1e4		/* of the residual that the method itself may show before it falls again */
 #define PARALLEL_POINTS 16384	/* below, waking the threads costs more than the work */
 
 struct gd_mg {
@@ -22,6 +23,7 @@ struct gd_mg {
 	size_t work_size;
 	int threads;
 	double *partial;		/* n sums per row */
+	double reference[3];		/* r'Mr of the start */
 	int points;			/* of the coarsest grid */
 	double factor[COARSEST][COARSEST], pivot[COARSEST];
 };
@@ -405,20 +407,26 @@ static double worst(const struct gd_mg *mg, const double *rz, const double *rz0)
 	return most;
 }
 
-struct gd_mg_result gd_mg_solve(struct gd_mg *mg, double tolerance, int max_iterations)
+/*
+ * Rounding bounds what can be reached: when the residual has grown far beyond the least, the recursion has
+ * lost touch with the true residual, and going on would diverge.
+ */
+static struct gd_mg_result iterate(struct gd_mg *mg, double tolerance, int max_iterations, bool fresh)
 {
 	const struct gd_mg_level *l = &mg->level[0];
 	const struct gd_mg_kernels *k = mg->k;
 	struct gd_mg_result result = { 0, 0 };
-	double rz0[3] = { 0 }, rz[3], old[3], beta[3] = { 0 }, alpha[3], pq[3];
+	double rz[3], old[3], beta[3] = { 0 }, alpha[3], pq[3], least = HUGE_VAL;
 
 	for (;;) {
 		cycle(mg);
 		add_partial(mg, rz);
-		if (result.iterations == 0)
-			memcpy(rz0, rz, sizeof(rz0));
-		result.residual = worst(mg, rz, rz0);
-		if (!(result.residual > tolerance) || result.residual > 1e6 || result.iterations >= max_iterations)
+		if (fresh && result.iterations == 0)
+			memcpy(mg->reference, rz, sizeof(rz));
+		result.residual = worst(mg, rz, mg->reference);
+		least = fmin(least, result.residual);
+		if (!(result.residual > tolerance) || result.residual > GROWTH * least ||
+		    result.iterations >= max_iterations)
 			return result;
 		for (int c = 0; c < mg->n; c++)
 			beta[c] = result.iterations > 0 && old[c] > 0 ? rz[c] / old[c] : 0;
@@ -434,4 +442,14 @@ struct gd_mg_result gd_mg_solve(struct gd_mg *mg, double tolerance, int max_iter
 			k->step(mg->x, mg->p, l, mg->n, alpha, y);
 		result.iterations++;
 	}
+}
+
+struct gd_mg_result gd_mg_solve(struct gd_mg *mg, double tolerance, int max_iterations)
+{
+	return iterate(mg, tolerance, max_iterations, true);
+}
+
+struct gd_mg_result gd_mg_resume(struct gd_mg *mg, double tolerance, int max_iterations)
+{
+	return iterate(mg, tolerance, max_iterations, false);
 }

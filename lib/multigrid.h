@@ -45,9 +45,14 @@ void gd_mg_setup(struct gd_mg *mg);
 
 /*
  * Adds the solution of A x = r to x; r is left as the residual of the recursion. Stops when
- * sqrt(r'Mr) (the error in the energy norm, nearly) has fallen by tolerance for every right-hand side.
+ * sqrt(r'Mr) (the error in the energy norm, nearly) has fallen by tolerance for every right-hand side, or when
+ * rounding does not let it.
  */
 struct gd_mg_result gd_mg_solve(struct gd_mg *mg, double tolerance, int max_iterations);
+
+/* The same from a residual computed afresh after gd_mg_solve(), relative to the start of that call: what
+ * rounding had kept it from. */
+struct gd_mg_result gd_mg_resume(struct gd_mg *mg, double tolerance, int max_iterations);
 
 /* z = M r: one V-cycle, for tests and measurements. */
 void gd_mg_cycle(struct gd_mg *mg);

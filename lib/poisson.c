@@ -15,6 +15,8 @@
 #define FLOAT_TOLERANCE 3e-6	/* below this relative residual the rounding of float shows */
 #define FLOAT_SPAN 1e-7		/* a part that hangs on the rest by less than this times the largest weight: */
 				/* rounding inside it outweighs the pull that sets its constant */
+#define WIDE_TOLERANCE 1e-9	/* of what double is needed for: the energy norm hardly sees such constants */
+#define RESTARTS 10		/* from the true residual, where rounding stops the recursion */
 #define L1_STEP 0.05	/* relative residual of each reweighted system: the next one has other weights anyway */
 #define L1_FIRST 0.05	/* regularisation of the weights, of the typical brightness */
 #define L1_LAST 5e-3
@@ -26,6 +28,7 @@ struct solver {
 	struct gd_mg *mg;
 	bool wide;
 	double level;			/* typical brightness, scaled */
+	double tolerance;
 	float *work;			/* rows of each thread */
 	struct gd_poisson_result result;
 };
@@ -206,6 +209,11 @@ static void solve_once(struct solver *s, const struct gd_field *field, double to
 	residual(s, field);
 	done = gd_mg_solve(s->mg, tolerance, s->conf->max_iterations);
 	s->result.iterations += done.iterations;
+	for (int i = 0; i < RESTARTS && done.residual > tolerance && done.iterations < s->conf->max_iterations; i++) {
+		residual(s, field);
+		done = gd_mg_resume(s->mg, tolerance, s->conf->max_iterations);
+		s->result.iterations += done.iterations;
+	}
 	s->result.residual = fmax(s->result.residual, done.residual);
 }
 
@@ -229,7 +237,7 @@ static int linear(struct solver *s, const struct gd_plane *out, struct gd_err *e
 		field.dy += c;
 		if (c > 0)
 			memset(gd_mg_x(s->mg), 0, (size_t)(l->h - 1) * l->stride * sizeof(double) + (size_t)l->w * sizeof(double));
-		solve_once(s, &field, s->conf->tolerance);
+		solve_once(s, &field, s->tolerance);
 		if (!screened)
 			rc = gd_field_anchor(&field, l, s->wide, gd_mg_x(s->mg), true, whole, &s->result.parts, err);
 		gd_field_store(&field, out + c, l, s->wide, gd_mg_x(s->mg));
@@ -254,7 +262,7 @@ static int reweighted(struct solver *s, const struct gd_plane *out, const struct
 			reweight(s, s->level * fmax(L1_FIRST * pow(0.5, i - 1), L1_LAST));
 		gd_mg_setup(s->mg);
 		s->result.residual = 0;
-		solve_once(s, &s->field, fmax(s->conf->tolerance, L1_STEP));
+		solve_once(s, &s->field, s->tolerance);
 		gd_progress(report, "l1", (i + 1.0) / s->conf->reweight);
 	}
 	gd_field_store(&s->field, out, l, false, gd_mg_x(s->mg));
@@ -282,13 +290,17 @@ int gd_poisson_solve(const struct gd_plane *out, const struct gd_poisson_in *in,
 	rc = gd_mg_new(&s.mg, s.field.w, s.field.h, in->n, false, screened, err);
 	if (rc == GD_OK)
 		rc = weights(&s, err);
-	if (rc == GD_OK && conf->method != GD_L1 &&
-	    (conf->tolerance < FLOAT_TOLERANCE || needs_double(gd_mg_grid(s.mg))))
+	s.tolerance = conf->method == GD_L1 ? fmax(conf->tolerance, L1_STEP) : conf->tolerance;
+	if (rc == GD_OK && conf->method == GD_WLS && needs_double(gd_mg_grid(s.mg))) {
+		s.tolerance = fmin(s.tolerance, WIDE_TOLERANCE);
 		rc = widen(&s, screened, err);
+	} else if (rc == GD_OK && s.tolerance < FLOAT_TOLERANCE) {
+		rc = widen(&s, screened, err);
+	}
 	if (rc == GD_OK)
 		rc = conf->method == GD_L1 ? reweighted(&s, out, report) : linear(&s, out, err);
 	if (rc == GD_OK) {
-		s.result.converged = s.result.residual <= (conf->method == GD_L1 ? fmax(conf->tolerance, L1_STEP) : conf->tolerance);
+		s.result.converged = s.result.residual <= s.tolerance;
 		gd_note(report, "%d iterations, relative residual %.2g, %d part%s, %zu edges without weight%s",
 			s.result.iterations, s.result.residual, s.result.parts, s.result.parts == 1 ? "" : "s",
 			s.result.dropped, s.wide ? ", in double" : "");
