@@ -22,7 +22,7 @@ int gd_apr_centres(int *centre, int n, int step)
 		return n == 1;
 	}
 	count = (n - 1 + step - 1) / step + 1;
-	if (n % 2 == 0 && count % 2 == 1)	/* an odd number cannot be symmetric about half a pixel */
+	if (n % 2 == 0 && count % 2 == 1) /* an odd number cannot be symmetric about half a pixel */
 		count++;
 	for (int j = 0; centre && 2 * j < count; j++) {
 		int x = (int)(((long)j * (n - 1) + (count - 1) / 2) / (count - 1));
@@ -47,9 +47,9 @@ static int sample_at(int k, int n)
 }
 
 /*
- * Median of a feature, and the lower quartile of its distance from that where there is any: where the
- * zero of the feature lies and how far its values reach at least, both untouched by a sky at 1e10;
- * range is that between the percentiles 0.5 and 99.5.
+ * Median of a feature, and the lower quartile of its distance from that where there is any: where
+ * the zero of the feature lies and how far its values reach at least, both untouched by a sky at
+ * 1e10; range is that between the percentiles 0.5 and 99.5.
  */
 static void feature_scale(struct gd_plane f, double *median, double *scale, double *range)
 {
@@ -89,8 +89,8 @@ static bool same(struct gd_plane a, struct gd_plane b)
 }
 
 /* Takes the features that vary and are not a copy of an earlier one. */
-static void take_features(struct gd_apr_plan *p, const struct gd_apr_in *in, const struct gd_apr_conf *conf,
-			  const struct gd_report *report)
+static void take_features(struct gd_apr_plan *p, const struct gd_apr_in *in,
+			  const struct gd_apr_conf *conf, const struct gd_report *report)
 {
 	for (int a = 0; a < in->nfeat; a++) {
 		double scale, range;
@@ -99,12 +99,14 @@ static void take_features(struct gd_apr_plan *p, const struct gd_apr_in *in, con
 		while (k < p->nf && !same(p->feat[k], in->feat[a]))
 			k++;
 		if (k < p->nf || constant(in->feat[a])) {
-			gd_note(report, "feature plane %d is %s: left out", a, k < p->nf ? "a copy" : "constant");
+			gd_note(report, "feature plane %d is %s: left out", a,
+				k < p->nf ? "a copy" : "constant");
 			continue;
 		}
 		feature_scale(in->feat[a], &p->ref[k], &scale, &range);
 		p->flat[k] = conf->flat * range * range;
-		p->floor[k] = 1e-12 * scale * scale;	/* float rounding of a renderer's sums: 1e-6 of the scale */
+		/* float rounding of a renderer's sums: 1e-6 of the scale */
+		p->floor[k] = 1e-12 * scale * scale;
 		p->feat[k] = in->feat[a];
 		if (conf->feature_noise > 0 && in->feat_var && in->feat_var[a].v) {
 			p->noisy[p->nfv] = k;
@@ -156,7 +158,8 @@ static void kernel_tables(struct gd_apr_plan *p, enum gd_apr_kernel kernel)
 }
 
 /* Sum over centres of K at each pixel of an axis. */
-static void kernel_sums(double *sum, int n, const struct gd_apr_plan *p, const int *centre, int count)
+static void kernel_sums(double *sum, int n, const struct gd_apr_plan *p, const int *centre,
+			int count)
 {
 	memset(sum, 0, (size_t)n * sizeof *sum);
 	for (int j = 0; j < count; j++)
@@ -172,36 +175,41 @@ static int check_planes(const struct gd_plane *plane, int n, struct gd_plane lik
 		if (!plane[i].v)
 			return gd_fail(err, GD_EARG, "apr: %s plane %d is missing", what, i);
 		if (plane[i].w != like.w || plane[i].h != like.h)
-			return gd_fail(err, GD_ESHAPE, "apr: %s plane %d is %dx%d, expected %dx%d", what, i,
-				       plane[i].w, plane[i].h, like.w, like.h);
+			return gd_fail(err, GD_ESHAPE, "apr: %s plane %d is %dx%d, expected %dx%d",
+				       what, i, plane[i].w, plane[i].h, like.w, like.h);
 	}
 	return GD_OK;
 }
 
-static int check(const struct gd_apr_out *out, const struct gd_apr_in *in, const struct gd_apr_conf *c,
-		 struct gd_err *err)
+static int check(const struct gd_apr_out *out, const struct gd_apr_in *in,
+		 const struct gd_apr_conf *c, struct gd_err *err)
 {
 	struct gd_plane like;
 	int rc;
 
 	if (in->ny < 1 || in->ny > GD_APR_RHS || in->nvar < 0 || in->nvar > in->ny)
-		return gd_fail(err, GD_EARG, "apr: %d planes with %d variances, expected 1 to %d", in->ny,
-			       in->nvar, GD_APR_RHS);
+		return gd_fail(err, GD_EARG, "apr: %d planes with %d variances, expected 1 to %d",
+			       in->ny, in->nvar, GD_APR_RHS);
 	if (in->nfeat < 0 || in->nfeat > GD_APR_FEATURES)
-		return gd_fail(err, GD_EARG, "apr: %d feature planes, at most %d", in->nfeat, GD_APR_FEATURES);
+		return gd_fail(err, GD_EARG, "apr: %d feature planes, at most %d", in->nfeat,
+			       GD_APR_FEATURES);
 	if (c->radius < 0 || c->radius > GD_APR_RADIUS)
-		return gd_fail(err, GD_EARG, "apr: radius %d, expected 0 to %d", c->radius, GD_APR_RADIUS);
+		return gd_fail(err, GD_EARG, "apr: radius %d, expected 0 to %d", c->radius,
+			       GD_APR_RADIUS);
 	if (c->step < 1 || c->step > 2 * c->radius + 1)
-		return gd_fail(err, GD_EARG, "apr: step %d, expected 1 to %d", c->step, 2 * c->radius + 1);
+		return gd_fail(err, GD_EARG, "apr: step %d, expected 1 to %d", c->step,
+			       2 * c->radius + 1);
 	if (c->order_min < 0 || c->order_min > c->order_max || c->order_max > GD_APR_ORDER)
 		return gd_fail(err, GD_EARG, "apr: orders %d to %d, expected 0 to %d", c->order_min,
 			       c->order_max, GD_APR_ORDER);
 	if (c->order_min < c->order_max && in->nvar < 1)
 		return gd_fail(err, GD_EARG, "apr: no variance to choose the order by");
 	if (!(c->ridge >= 0 && c->flat >= 0))
-		return gd_fail(err, GD_EARG, "apr: ridge %g and flat %g, expected 0 or more", c->ridge, c->flat);
+		return gd_fail(err, GD_EARG, "apr: ridge %g and flat %g, expected 0 or more",
+			       c->ridge, c->flat);
 	if (!(c->correlation > 0))
-		return gd_fail(err, GD_EARG, "apr: correlation %g, expected above 0", c->correlation);
+		return gd_fail(err, GD_EARG, "apr: correlation %g, expected above 0",
+			       c->correlation);
 	if (!in->y[0].v || in->y[0].w < 1 || in->y[0].h < 1)
 		return gd_fail(err, GD_ESHAPE, "apr: empty image");
 	like = in->y[0];
@@ -251,8 +259,8 @@ static int predict_rows(const struct gd_apr_plan *plan, const struct gd_apr_kern
 	return GD_OK;
 }
 
-int gd_apr_fit(const struct gd_apr_out *out, const struct gd_apr_in *in, const struct gd_apr_conf *conf,
-	       const struct gd_report *report, struct gd_err *err)
+int gd_apr_fit(const struct gd_apr_out *out, const struct gd_apr_in *in,
+	       const struct gd_apr_conf *conf, const struct gd_report *report, struct gd_err *err)
 {
 	struct gd_apr_plan *plan = NULL;
 	int *centre = NULL, rc = check(out, in, conf, err);
@@ -269,7 +277,8 @@ int gd_apr_fit(const struct gd_apr_out *out, const struct gd_apr_in *in, const s
 	plan->order_min = conf->order_min;
 	plan->order = conf->order_max;
 	plan->ny = in->ny;
-	plan->nv = conf->order_min < conf->order_max || out->mse ? in->nvar : 0;	/* else of no use */
+	/* else the variances are of no use */
+	plan->nv = conf->order_min < conf->order_max || out->mse ? in->nvar : 0;
 	plan->y = in->y;
 	plan->var = in->var;
 	plan->weight = in->weight;
@@ -284,7 +293,8 @@ int gd_apr_fit(const struct gd_apr_out *out, const struct gd_apr_in *in, const s
 	plan->nx = gd_apr_centres(NULL, plan->w, conf->step);
 	plan->nrow = gd_apr_centres(NULL, plan->h, conf->step);
 	centre = gd_alloc((size_t)plan->nx + (size_t)plan->nrow, sizeof *centre);
-	plan->model = gd_alloc((size_t)plan->nrow * (size_t)plan->nmodel, sizeof(double) * (size_t)plan->nx);
+	plan->model = gd_alloc((size_t)plan->nrow * (size_t)plan->nmodel,
+			       sizeof(double) * (size_t)plan->nx);
 	plan->sumx = gd_alloc((size_t)plan->w + (size_t)plan->h, sizeof(double));
 	if (!centre || !plan->model || !plan->sumx)
 		goto done;

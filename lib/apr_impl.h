@@ -2,9 +2,9 @@
 /*
  * What lib/apr.c and its kernels share; nobody else includes it.
  *
- * A window's model has p columns: [1 | features | u v | u^2 v^2 | ...]. Sums are taken first down the
- * pixel columns of a centre row, of the pv "vertical" columns [1 | features | v v^2 ...]; the powers
- * of u come in with the kernel of the pass along the row, because
+ * A window's model has p columns: [1 | features | u v | u^2 v^2 | ...]. Sums are taken first down
+ * the pixel columns of a centre row, of the pv "vertical" columns [1 | features | v v^2 ...]; the
+ * powers of u come in with the kernel of the pass along the row, because
  *	sum_{u,v} K(u)K(v) u^k g = sum_u K(u) u^k ( sum_v K(v) g ).
  */
 #ifndef GD_APR_IMPL_H
@@ -14,13 +14,13 @@
 #include "isa.h"
 
 #define GD_APR_POWERS (2 * GD_APR_ORDER + 1)
-#define GD_APR_PAD 16			/* zeros on each side of a kernel table, >= two of the widest vectors */
+#define GD_APR_PAD 16	/* zeros on each side of a kernel table, >= two of the widest vectors */
 #define GD_APR_TAPS (2 * (GD_APR_RADIUS + GD_APR_PAD) + 1)
 
 struct gd_apr_plan {
 	int w, h;
 	int radius, order_min, order;	/* order: the largest */
-	int nf, ny, nv, nfv;		/* features, right-hand sides, those with variance, noisy features */
+	int nf, ny, nv, nfv;	/* features; planes y, those with variance; noisy features */
 	int pv, p;			/* vertical columns; all columns */
 	const struct gd_plane *y, *var;	/* ny, nv */
 	struct gd_plane weight;		/* v = NULL: 1 everywhere */
@@ -33,10 +33,10 @@ struct gd_apr_plan {
 	double flat[GD_APR_FEATURES];	/* the same, times the square of the feature's range */
 	double noise;			/* feature_noise */
 	double correlation;
-	double level2;			/* added to a squared mean where channels are weighed; > 0 */
+	double level2;		/* added to a squared mean where channels are weighed; > 0 */
 	int nx, nrow;			/* centres along x and y */
 	const int *cx, *cy;
-	/* Kernel times power: k1[q][PAD + R + u] = K(u) (u/R)^q, k2 with K(u)^2; 0 where |u| > R. */
+	/* Kernel times power: k1[q][PAD + R + u] = K(u) (u/R)^q, k2: K(u)^2; 0 where |u| > R. */
 	double k1[GD_APR_POWERS][GD_APR_TAPS];
 	double k2[GD_APR_POWERS][GD_APR_TAPS];
 	double *sumx, *sumy;		/* w, h: sum over centres of K */
@@ -66,11 +66,12 @@ struct gd_apr_batch {
 
 struct gd_apr_kernels {
 	int lanes;
-	/* Doubles of work space per thread, for fitting a centre row and for predicting a pixel row. */
+	/* Doubles of work space per thread, to fit a centre row and to predict a pixel row. */
 	size_t (*fit_size)(const struct gd_apr_plan *plan);
 	void (*fit_row)(const struct gd_apr_plan *plan, int row, double *work);
 	size_t (*predict_size)(const struct gd_apr_plan *plan);
-	void (*predict_row)(const struct gd_apr_plan *plan, const struct gd_apr_out *out, int y, double *work);
+	void (*predict_row)(const struct gd_apr_plan *plan, const struct gd_apr_out *out, int y,
+			    double *work);
 };
 
 GD_KERNEL_TABLE(struct gd_apr_kernels, gd_apr_kernels);
@@ -83,7 +84,8 @@ GD_KERNEL_TABLE(struct gd_apr_kernels, gd_apr_kernels);
 size_t gd_apr_solve_size(const struct gd_apr_plan *plan);
 void gd_apr_solve(const struct gd_apr_plan *plan, int row, struct gd_apr_batch *batch);
 size_t gd_apr_predict_size(const struct gd_apr_plan *plan);
-void gd_apr_predict_row(const struct gd_apr_plan *plan, const struct gd_apr_out *out, int y, double *work);
+void gd_apr_predict_row(const struct gd_apr_plan *plan, const struct gd_apr_out *out, int y,
+			double *work);
 
 /* Vectors of doubles as wide as the registers; everything is laid out in multiples of them. */
 #if defined(__AVX512F__)

@@ -21,7 +21,8 @@ static inline int imax(int a, int b)
 }
 
 /* (sum d)^2 / sum d^2 of a block; false if d is 0 or too large throughout. */
-static bool block_ratio(const struct gd_plane *a, const struct gd_plane *b, int x0, int y0, double *ratio)
+static bool block_ratio(const struct gd_plane *a, const struct gd_plane *b, int x0, int y0,
+			double *ratio)
 {
 	static const double weight[3] = { 0.2126, 0.7152, 0.0722 };
 	double s = 0, s2 = 0;
@@ -31,7 +32,8 @@ static bool block_ratio(const struct gd_plane *a, const struct gd_plane *b, int 
 			double d = 0;
 
 			for (int c = 0; c < 3; c++)
-				d += weight[c] * ((double)gd_row(a[c], y)[x] - (double)gd_row(b[c], y)[x]);
+				d += weight[c] *
+				     ((double)gd_row(a[c], y)[x] - (double)gd_row(b[c], y)[x]);
 			s += d;
 			s2 += d * d;
 		}
@@ -54,7 +56,8 @@ double gd_apr_correlation(const struct gd_plane *a, const struct gd_plane *b)
 }
 
 /* mean[x] of p over (2r+1)^2 pixels around row y, cut at the border; column: width of p. */
-static void row_means(double *restrict mean, double *restrict column, struct gd_plane p, int y, int r)
+static void row_means(double *restrict mean, double *restrict column, struct gd_plane p, int y,
+		      int r)
 {
 	int y0 = imax(y - r, 0), y1 = imin(y + r, p.h - 1);
 

@@ -31,8 +31,8 @@ static bool all_zero(struct gd_plane p)
 	return true;
 }
 
-int gd_apr_frame_mend(struct gd_apr_frame *f, float *made[3], size_t *mended, const struct gd_report *report,
-		      struct gd_err *err)
+int gd_apr_frame_mend(struct gd_apr_frame *f, float *made[3], size_t *mended,
+		      const struct gd_report *report, struct gd_err *err)
 {
 	bool spatial = !f->var[0].v && f->nbin < 2;
 	int rc = GD_OK;
@@ -47,11 +47,13 @@ int gd_apr_frame_mend(struct gd_apr_frame *f, float *made[3], size_t *mended, co
 		if (!made[c])
 			rc = gd_fail(err, GD_ENOMEM, "out of memory");
 		else if (spatial)
-			memset(made[c], 0, gd_stride(f->y[c].w) * (size_t)f->y[c].h * sizeof(float));
+			memset(made[c], 0,
+			       gd_stride(f->y[c].w) * (size_t)f->y[c].h * sizeof(float));
 		for (int b = 0; b < f->nbin && b < GD_APR_RHS; b++)
 			bin[b] = f->bin[b][c];
 		if (rc == GD_OK && !spatial)
-			gd_apr_bin_variance(f->var[c], bin, f->nbin < GD_APR_RHS ? f->nbin : GD_APR_RHS);
+			gd_apr_bin_variance(f->var[c], bin,
+					    f->nbin < GD_APR_RHS ? f->nbin : GD_APR_RHS);
 	}
 	for (int c = 0; c < f->ny && rc == GD_OK; c++)
 		rc = gd_apr_clean(f->y[c], c < 3 ? f->var[c] : (struct gd_plane){ 0 }, mended, err);
@@ -60,16 +62,18 @@ int gd_apr_frame_mend(struct gd_apr_frame *f, float *made[3], size_t *mended, co
 	for (int c = 0; c < 3 && rc == GD_OK && spatial; c++)
 		rc = gd_apr_spatial_variance(f->var[c], f->y[c], err);
 	if (rc == GD_OK && spatial)
-		gd_note(report, "no variance and no bins: noise judged from 7x7 windows of the image");
+		gd_note(report,
+			"no variance and no bins: noise judged from 7x7 windows of the image");
 	return rc;
 }
 
 /* Filters planes a .. a+n-1 by non-local means, guided by themselves. */
-static int filter_layer(struct gd_apr_frame *f, int a, int n, struct gd_plane *spare, const struct gd_report *report,
-			struct gd_err *err)
+static int filter_layer(struct gd_apr_frame *f, int a, int n, struct gd_plane *spare,
+			const struct gd_report *report, struct gd_err *err)
 {
 	struct gd_nlm_conf conf = { .patch = 3, .window = 5, .k = 1, .eps = 1e-4 };
-	struct gd_nlm_job job = { n, n, f->feat + a, f->feat_var + a, f->feat + a, f->feat_var + a, spare, spare + n };
+	struct gd_nlm_job job = { n, n, f->feat + a, f->feat_var + a, f->feat + a, f->feat_var + a,
+				  spare, spare + n };
 	int rc = gd_nlm_run(&job, &conf, report, err);
 
 	for (int i = 0; i < n && rc == GD_OK; i++) {
@@ -110,9 +114,10 @@ int gd_apr_frame_filter(struct gd_apr_frame *f, const struct gd_report *report, 
 	return rc;
 }
 
-int gd_apr_paper(const struct gd_apr_out *out, struct gd_apr_frame *f, const struct gd_apr_conf *conf,
-		 enum gd_apr_spike_mode mode, struct gd_apr_paper_result *result,
-		 const struct gd_report *report, struct gd_err *err)
+int gd_apr_paper(const struct gd_apr_out *out, struct gd_apr_frame *f,
+		 const struct gd_apr_conf *conf, enum gd_apr_spike_mode mode,
+		 struct gd_apr_paper_result *result, const struct gd_report *report,
+		 struct gd_err *err)
 {
 	struct gd_apr_in in = { f->ny, 3, f->nfeat, f->y, f->var, f->feat, f->feat_var, { 0 } };
 	struct gd_apr_spikes spikes = { 0 };
@@ -136,7 +141,8 @@ int gd_apr_paper(const struct gd_apr_out *out, struct gd_apr_frame *f, const str
 	for (int c = 0; c < 3 && rc == GD_OK; c++)
 		rc = gd_apr_error_local(out->mse[c], f->var[c], conf->radius, err);
 	if (rc == GD_OK && mode == GD_SPIKES_RETURN)
-		rc = gd_apr_spikes_return(&spikes, out->est, conf->radius, MOST_RETURNED, &result->capped, err);
+		rc = gd_apr_spikes_return(&spikes, out->est, conf->radius, MOST_RETURNED,
+					  &result->capped, err);
 	result->spikes = spikes.n;
 	result->correlation = used.correlation;
 	gd_progress(report, "fitting", 1);

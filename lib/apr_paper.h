@@ -18,16 +18,16 @@ enum gd_apr_spike_mode {
 };
 
 /*
- * A frame to denoise; planes of one size. Those of y, var, feat and feat_var are mended and filtered
- * in place.
+ * A frame to denoise; planes of one size. Those of y, var, feat and feat_var are mended and
+ * filtered in place.
  * y        ny planes: the colour R G B, then any that share its weights
  * var      variances of the colour's mean; v = NULL: found from the bins, else from the image
  * bin      nbin >= 2 bins of the colour, [b][c]; nbin may be 0
- * half     two independent halves of the colour, [0..1][c]; v = NULL: none. Used to measure how the noise
- *          of neighbouring pixels hangs together
+ * half     two independent halves of the colour, [0..1][c]; v = NULL: none. Used to measure how
+ *          the noise of neighbouring pixels hangs together
  * feat     nfeat planes; feat_var may hold v = NULL for exact ones
- * layer    nfeat numbers: planes of one layer (the same number, side by side, at most 4) are filtered
- *          together, by the distance in all of them
+ * layer    nfeat numbers: planes of one layer (the same number, side by side, at most 4) are
+ *          filtered together, by the distance in all of them
  * filtered nfeat flags: the layer is not to be filtered (any more)
  */
 struct gd_apr_frame {
@@ -51,14 +51,16 @@ int gd_apr_frame_mend(struct gd_apr_frame *frame, float *made[3], size_t *mended
 		      const struct gd_report *report, struct gd_err *err);
 
 /* Filters the layers of features that carry a variance other than 0. */
-int gd_apr_frame_filter(struct gd_apr_frame *frame, const struct gd_report *report, struct gd_err *err);
+int gd_apr_frame_filter(struct gd_apr_frame *frame, const struct gd_report *report,
+			struct gd_err *err);
 
 /*
- * All of it. out as for gd_apr_fit(), with 3 planes of mse. conf->correlation counts where the frame has
- * no halves. Returns what gd_apr_fit() and gd_nlm_run() return.
+ * All of it. out as for gd_apr_fit(), with 3 planes of mse. conf->correlation counts where the
+ * frame has no halves. Returns what gd_apr_fit() and gd_nlm_run() return.
  */
-int gd_apr_paper(const struct gd_apr_out *out, struct gd_apr_frame *frame, const struct gd_apr_conf *conf,
-		 enum gd_apr_spike_mode spikes, struct gd_apr_paper_result *result,
-		 const struct gd_report *report, struct gd_err *err);
+int gd_apr_paper(const struct gd_apr_out *out, struct gd_apr_frame *frame,
+		 const struct gd_apr_conf *conf, enum gd_apr_spike_mode spikes,
+		 struct gd_apr_paper_result *result, const struct gd_report *report,
+		 struct gd_err *err);
 
 #endif

@@ -41,7 +41,7 @@ struct mend {
 	float value, var;
 };
 
-/* Median of the finite values and largest of the finite variances in the smallest window with any. */
+/* Median of the finite values, largest of the finite variances in the smallest window with any. */
 static struct mend mend_at(struct gd_plane value, struct gd_plane var, int x, int y)
 {
 	float v[(2 * CLEAN_RADIUS + 1) * (2 * CLEAN_RADIUS + 1)];
@@ -84,7 +84,8 @@ int gd_apr_clean(struct gd_plane value, struct gd_plane var, size_t *count, stru
 			if (!sound(value, var, x, y))
 				m[k++] = mend_at(value, var, x, y);
 	for (size_t i = 0; i < bad; i++) {
-		float *v = gd_row(value, m[i].y) + m[i].x, *s = var.v ? gd_row(var, m[i].y) + m[i].x : NULL;
+		float *v = gd_row(value, m[i].y) + m[i].x,
+		      *s = var.v ? gd_row(var, m[i].y) + m[i].x : NULL;
 		bool good = isfinite(*v);
 
 		if (s)
@@ -153,7 +154,8 @@ int gd_apr_spatial_variance(struct gd_plane var, struct gd_plane value, struct g
 		}
 		column_sums(sum, sum2, value, y, r);
 		for (int x = 0; x < value.w; x++) {
-			int x0 = imax(x - r, 0), x1 = imin(x + r, value.w - 1), n = rows * (x1 - x0 + 1);
+			int x0 = imax(x - r, 0), x1 = imin(x + r, value.w - 1),
+			    n = rows * (x1 - x0 + 1);
 			double s = 0, s2 = 0;
 
 			for (int i = x0; i <= x1; i++) {
@@ -179,7 +181,8 @@ static void luminance_plane(struct gd_plane lum, const struct gd_plane *rgb)
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < lum.h; y++)
 		for (int x = 0; x < lum.w; x++)
-			gd_row(lum, y)[x] = (float)luminance((double)gd_row(rgb[0], y)[x], (double)gd_row(rgb[1], y)[x],
+			gd_row(lum, y)[x] = (float)luminance((double)gd_row(rgb[0], y)[x],
+							     (double)gd_row(rgb[1], y)[x],
 							     (double)gd_row(rgb[2], y)[x]);
 }
 
@@ -197,7 +200,8 @@ static int by_luminance(const void *a, const void *b)
 {
 	const struct neighbour *p = a, *q = b;
 
-	return p->lum != q->lum ? (p->lum > q->lum) - (p->lum < q->lum) : (p->at > q->at) - (p->at < q->at);
+	return p->lum != q->lum ? (p->lum > q->lum) - (p->lum < q->lum)
+				: (p->at > q->at) - (p->at < q->at);
 }
 
 /* The neighbour of median luminance; of two, the darker. */
@@ -217,7 +221,7 @@ static int median_neighbour(struct gd_plane lum, int x, int y)
 	return v[(n - 1) / 2].at;
 }
 
-/* Standard deviation of the luminance, of fully correlated channels; a variance too large for a float is none. */
+/* Deviation of the luminance, of fully correlated channels; a variance beyond float is none. */
 static double deviation(const struct gd_plane *var, int x, int y)
 {
 	double d[3];
@@ -231,11 +235,11 @@ static double deviation(const struct gd_plane *var, int x, int y)
 }
 
 /*
- * The test of one row; sum, sum2: column sums of its window rows. The neighbours' deviation is taken
- * without the pixel. A millionth of the mean is rounding.
+ * The test of one row; sum, sum2: column sums of its window rows. The neighbours' deviation is
+ * taken without the pixel. A millionth of the mean is rounding.
  */
-static int spikes_of_row(struct spike *found, struct gd_plane lum, const struct gd_plane *var, bool trust_var,
-			 int y, const double *sum, const double *sum2)
+static int spikes_of_row(struct spike *found, struct gd_plane lum, const struct gd_plane *var,
+			 bool trust_var, int y, const double *sum, const double *sum2)
 {
 	const int r = SPIKE_RADIUS;
 	int rows = imin(y + r, lum.h - 1) - imax(y - r, 0) + 1, count = 0;
@@ -263,8 +267,9 @@ static int spikes_of_row(struct spike *found, struct gd_plane lum, const struct 
 	return count;
 }
 
-/* All spikes in scan order: each row writes to its own part of the list, which is then closed up. */
-static int find_spikes(struct spike **list, struct gd_plane lum, const struct gd_plane *var, bool trust_var)
+/* All spikes in scan order: each row writes to its own part of the list, then it is closed up. */
+static int find_spikes(struct spike **list, struct gd_plane lum, const struct gd_plane *var,
+		       bool trust_var)
 {
 	size_t w = (size_t)lum.w, most = w;
 	struct spike *all = gd_alloc(most * (size_t)lum.h, sizeof *all);
@@ -277,7 +282,8 @@ static int find_spikes(struct spike **list, struct gd_plane lum, const struct gd
 
 		if (sum) {
 			column_sums(sum, sum + w, lum, y, SPIKE_RADIUS);
-			count[y] = spikes_of_row(all + most * (size_t)y, lum, var, trust_var, y, sum, sum + w);
+			count[y] = spikes_of_row(all + most * (size_t)y, lum, var, trust_var, y,
+						 sum, sum + w);
 		} else {
 			count[y] = -1;
 		}
@@ -300,7 +306,8 @@ static int find_spikes(struct spike **list, struct gd_plane lum, const struct gd
 int gd_apr_spikes_take(struct gd_apr_spikes *spikes, const struct gd_plane *y, int ny,
 		       const struct gd_plane *var, bool trust_var, struct gd_err *err)
 {
-	struct gd_plane lum = gd_plane_of(gd_alloc(gd_stride(y[0].w) * (size_t)y[0].h, sizeof(float)), y[0].w, y[0].h);
+	struct gd_plane lum = gd_plane_of(
+		gd_alloc(gd_stride(y[0].w) * (size_t)y[0].h, sizeof(float)), y[0].w, y[0].h);
 	struct spike *list = NULL;
 	float *hold = NULL;
 	int n = -1, w = y[0].w, rc = GD_ENOMEM;
@@ -322,12 +329,14 @@ int gd_apr_spikes_take(struct gd_apr_spikes *spikes, const struct gd_plane *y, i
 	/* read all before writing any: a spike's neighbour may be one too */
 	for (int k = 0; k < n; k++)
 		for (int c = 0; c < ny + 3; c++)
-			hold[k * (ny + 3) + c] = gd_row(c < ny ? y[c] : var[c - ny], list[k].from / w)[list[k].from % w];
+			hold[k * (ny + 3) + c] = gd_row(c < ny ? y[c] : var[c - ny],
+							list[k].from / w)[list[k].from % w];
 	for (int k = 0; k < n; k++) {
 		int at = spikes->at[k] = list[k].at;
 
 		for (int c = 0; c < ny + 3; c++) {
-			float *v = gd_row(c < ny ? y[c] : var[c - ny], at / w) + at % w, new = hold[k * (ny + 3) + c];
+			float *v = gd_row(c < ny ? y[c] : var[c - ny], at / w) + at % w,
+			      new = hold[k * (ny + 3) + c];
 
 			if (c < ny)
 				spikes->energy[k * ny + c] = (double)*v - (double)new;
@@ -351,16 +360,18 @@ static struct window { int x0, x1, y0, y1; } window_at(struct gd_plane p, int at
 {
 	int x = at % p.w, y = at / p.w;
 
-	return (struct window){ imax(x - r, 0), imin(x + r, p.w - 1), imax(y - r, 0), imin(y + r, p.h - 1) };
+	return (struct window){imax(x - r, 0), imin(x + r, p.w - 1), imax(y - r, 0),
+			       imin(y + r, p.h - 1)};
 }
 
 int gd_apr_spikes_return(const struct gd_apr_spikes *spikes, const struct gd_plane *est, int radius,
 			 double most, int *capped, struct gd_err *err)
 {
 	size_t w = (size_t)est[0].w, h = (size_t)est[0].h;
-	struct gd_plane lum = gd_plane_of(gd_alloc(gd_stride(est[0].w) * h, sizeof(float)), est[0].w, est[0].h);
-	double *scale = gd_alloc((size_t)spikes->n, sizeof *scale);	/* share of the energy / window's light */
-	double *gain = gd_alloc((w + 1) * (h + 1), sizeof *gain);	/* differences of sums over windows */
+	struct gd_plane lum =
+		gd_plane_of(gd_alloc(gd_stride(est[0].w) * h, sizeof(float)), est[0].w, est[0].h);
+	double *scale = gd_alloc((size_t)spikes->n, sizeof *scale);	/* share / window's light */
+	double *gain = gd_alloc((w + 1) * (h + 1), sizeof *gain);	/* differences of sums */
 	int rc = lum.v && scale && gain ? GD_OK : GD_ENOMEM;
 
 	*capped = 0;
@@ -384,7 +395,8 @@ int gd_apr_spikes_return(const struct gd_apr_spikes *spikes, const struct gd_pla
 	}
 	for (int k = 0; rc == GD_OK && k < spikes->n; k++) {
 		struct window b = window_at(lum, spikes->at[k], radius);
-		const double *top = gain + (size_t)b.y0 * (w + 1), *end = gain + (size_t)(b.y1 + 1) * (w + 1);
+		const double *top = gain + (size_t)b.y0 * (w + 1),
+			     *end = gain + (size_t)(b.y1 + 1) * (w + 1);
 		double light = end[b.x1 + 1] - end[b.x0] - top[b.x1 + 1] + top[b.x0];
 		const double *e = spikes->energy + (size_t)k * (size_t)spikes->ny;
 		double taken = luminance(fabs(e[0]), fabs(e[1]), fabs(e[2]));
@@ -400,7 +412,8 @@ int gd_apr_spikes_return(const struct gd_apr_spikes *spikes, const struct gd_pla
 		memset(gain, 0, (w + 1) * (h + 1) * sizeof *gain);
 		for (int k = 0; k < spikes->n; k++) {
 			struct window b = window_at(lum, spikes->at[k], radius);
-			double *top = gain + (size_t)b.y0 * (w + 1), *end = gain + (size_t)(b.y1 + 1) * (w + 1);
+			double *top = gain + (size_t)b.y0 * (w + 1),
+			       *end = gain + (size_t)(b.y1 + 1) * (w + 1);
 			double share = spikes->energy[k * spikes->ny + c] * scale[k];
 
 			top[b.x0] += share;

@@ -3,8 +3,9 @@
  * Sums of products over the windows of one row of centres.
  *
  * Blocks of GD_LANES pixel columns run from left to right. In each, the products are summed down
- * the window's rows ("vertical sums"), and those of two blocks at a time are added, times the kernel,
- * to every window that reaches them. A finished window goes into a batch, a full batch to the solver.
+ * the window's rows ("vertical sums"), and those of two blocks at a time are added, times the
+ * kernel, to every window that reaches them. A finished window goes into a batch, a full batch to
+ * the solver.
  *
  * K stands for the kernel times the pixel's weight.
  * Order of the vertical sums with weight K: [1*z | 1*y | 1*var | 1*feat_var | y*y], then for each
@@ -23,7 +24,7 @@ struct sums {
 
 /* One thread's work space. */
 struct space {
-	gd_vec *z[2], *o[2];		/* window rows of two blocks: vertical columns; y, var, feat_var */
+	gd_vec *z[2], *o[2]; /* window rows of two blocks: vertical columns; y, var, feat_var */
 	gd_vec *weight[2];		/* and the pixels' weights, 0 beyond the image */
 	gd_vec *kw, *wa;		/* weights of the rows of a sum, and times a column */
 	gd_vec *vert[2];		/* vertical sums of two blocks, of all weights */
@@ -80,7 +81,8 @@ static size_t lay_out(struct space *s, const struct gd_apr_plan *p, double *work
 	s->slots = most_windows(p);
 	s->slot = (size_t)s->one.total + (size_t)p->nv * s->two.total;
 	s->nvert = (size_t)s->one.nvert + (size_t)p->nv * s->two.nvert;
-#define TAKE(ptr, count) (ptr = (void *)(work ? work + n : NULL), n += ((size_t)(count) + 7) / 8 * 8)
+#define TAKE(ptr, count) \
+	(ptr = (void *)(work ? work + n : NULL), n += ((size_t)(count) + 7) / 8 * 8)
 	for (int b = 0; b < 2; b++) {
 		TAKE(s->z[b], rows * p->pv * GD_LANES);
 		TAKE(s->o[b], rows * no * GD_LANES);
@@ -119,7 +121,7 @@ static void column_of(const struct gd_apr_plan *p, int c, int *power, int *verti
 	*vertical = q < 0 ? c : q % 2 ? p->nf + q / 2 + 1 : 0;
 }
 
-/* Where the sum of the product of two model columns is. ny: right-hand sides between the columns' rows. */
+/* Where the sum of two model columns' product is. ny: planes y between the columns' rows. */
 static int place(const struct gd_apr_plan *p, struct sums s, int ny, int lead, int i, int j)
 {
 	int ui, vi, uj, vj, k, a, b, at;
@@ -179,7 +181,8 @@ static inline gd_vec load(struct gd_plane plane, int x, int y, double minus)
 }
 
 /* Reads the window rows of a plane at columns x .. into every step-th vector of both blocks. */
-static void load_plane(gd_vec *to0, gd_vec *to1, size_t step, struct gd_plane plane, int x, int y0, int y1, double minus)
+static void load_plane(gd_vec *to0, gd_vec *to1, size_t step, struct gd_plane plane, int x, int y0,
+		       int y1, double minus)
 {
 	for (int y = y0; y <= y1; y++, to0 += step, to1 += step) {
 		*to0 = load(plane, x, y, minus);
@@ -188,7 +191,8 @@ static void load_plane(gd_vec *to0, gd_vec *to1, size_t step, struct gd_plane pl
 }
 
 /* Fills s->z, s->o and s->weight with the window rows y0 .. y1 at columns x .. */
-static void load_blocks(struct space *s, const struct gd_apr_plan *p, int row, int x, int y0, int y1)
+static void load_blocks(struct space *s, const struct gd_apr_plan *p, int row, int x, int y0,
+			int y1)
 {
 	size_t nz = (size_t)p->pv, no = (size_t)(p->ny + p->nv + p->nfv);
 	double over_r = 1.0 / (p->radius > 0 ? p->radius : 1);
@@ -212,12 +216,14 @@ static void load_blocks(struct space *s, const struct gd_apr_plan *p, int row, i
 	for (int c = 0; c < p->nv; c++)
 		load_plane(s->o[0] + p->ny + c, s->o[1] + p->ny + c, no, p->var[c], x, y0, y1, 0);
 	for (int a = 0; a < p->nfv; a++)
-		load_plane(s->o[0] + p->ny + p->nv + a, s->o[1] + p->ny + p->nv + a, no, p->feat_var[a], x, y0, y1, 0);
+		load_plane(s->o[0] + p->ny + p->nv + a, s->o[1] + p->ny + p->nv + a, no,
+			   p->feat_var[a], x, y0, y1, 0);
 }
 
 /* out[i] = sum over rows of wa * z[i], n <= 8 (a constant where it is called). */
 static inline __attribute__((always_inline)) void
-dot(gd_vec *restrict out, const gd_vec *restrict wa, const gd_vec *restrict z, int rows, int stride, int n)
+dot(gd_vec *restrict out, const gd_vec *restrict wa, const gd_vec *restrict z, int rows,
+    int stride, int n)
 {
 	gd_vec s[8] = { { 0 } };
 
@@ -251,15 +257,16 @@ static void dots(gd_vec *restrict out, const gd_vec *restrict wa, const gd_vec *
 }
 
 /* wa = kw times a column of the window rows. */
-static void weigh(gd_vec *restrict wa, const gd_vec *restrict kw, const gd_vec *restrict column, int stride, int rows)
+static void weigh(gd_vec *restrict wa, const gd_vec *restrict kw, const gd_vec *restrict column,
+		  int stride, int rows)
 {
 	for (int y = 0; y < rows; y++)
 		wa[y] = kw[y] * column[(size_t)y * stride];
 }
 
 /* Vertical sums with weight K; kv: the kernel along y. */
-static void vertical_plain(gd_vec *out, struct space *s, int block, const struct gd_apr_plan *p, const double *kv,
-			   int rows)
+static void vertical_plain(gd_vec *out, struct space *s, int block, const struct gd_apr_plan *p,
+			   const double *kv, int rows)
 {
 	int no = p->ny + p->nv + p->nfv;
 	const gd_vec *z = s->z[block], *o = s->o[block];
@@ -283,8 +290,8 @@ static void vertical_plain(gd_vec *out, struct space *s, int block, const struct
 }
 
 /* Vertical sums with weight K^2 var of plane c; kv: the kernel's square along y. */
-static void vertical_noise(gd_vec *out, struct space *s, int block, const struct gd_apr_plan *p, const double *kv,
-			   int rows, int c)
+static void vertical_noise(gd_vec *out, struct space *s, int block, const struct gd_apr_plan *p,
+			   const double *kv, int rows, int c)
 {
 	int no = p->ny + p->nv + p->nfv;
 	const gd_vec *z = s->z[block], *var = s->o[block] + p->ny + c, *w = s->weight[block];
@@ -298,8 +305,8 @@ static void vertical_noise(gd_vec *out, struct space *s, int block, const struct
 	}
 }
 
-static inline void add_scaled(gd_vec *restrict acc, const gd_vec *restrict v0, const gd_vec *restrict v1,
-			      const double *k, int n)
+static inline void add_scaled(gd_vec *restrict acc, const gd_vec *restrict v0,
+			      const gd_vec *restrict v1, const double *k, int n)
 {
 	gd_vec k0 = *(const gd_vec_any *)k, k1 = *(const gd_vec_any *)(k + GD_LANES);
 
@@ -307,9 +314,9 @@ static inline void add_scaled(gd_vec *restrict acc, const gd_vec *restrict v0, c
 		acc[e] += k0 * v0[e] + k1 * v1[e];
 }
 
-/* Adds the vertical sums of two blocks to one window's; at: place of the first column in the kernel tables. */
-static void add_blocks(gd_vec *restrict acc, const gd_vec *v0, const gd_vec *v1, struct sums s, int order,
-		       const double (*table)[GD_APR_TAPS], int at)
+/* Adds the vertical sums of two blocks to one window's; at: their place in the kernel tables. */
+static void add_blocks(gd_vec *restrict acc, const gd_vec *v0, const gd_vec *v1, struct sums s,
+		       int order, const double (*table)[GD_APR_TAPS], int at)
 {
 	add_scaled(acc, v0, v1, table[0] + at, s.nvert);
 	acc += s.nvert;
@@ -355,7 +362,8 @@ static void finish_window(struct space *s, const struct gd_apr_plan *p, const gd
 static void sum_blocks(struct space *s, const struct gd_apr_plan *p, int row, int x)
 {
 	int r = p->radius, cy = p->cy[row];
-	int y0 = cy - r > 0 ? cy - r : 0, y1 = cy + r < p->h - 1 ? cy + r : p->h - 1, rows = y1 - y0 + 1;
+	int y0 = cy - r > 0 ? cy - r : 0, y1 = cy + r < p->h - 1 ? cy + r : p->h - 1,
+	    rows = y1 - y0 + 1;
 	int at = GD_APR_PAD + r + y0 - cy;
 
 	load_blocks(s, p, row, x, y0, y1);
@@ -369,7 +377,7 @@ static void sum_blocks(struct space *s, const struct gd_apr_plan *p, int row, in
 	}
 }
 
-/* Adds the sums of the two blocks from column x to windows lo .. hi - 1, one weight after the other. */
+/* Adds the sums of the two blocks from column x to windows lo .. hi - 1, weight by weight. */
 static void spread_blocks(struct space *s, const struct gd_apr_plan *p, int x, int lo, int hi)
 {
 	size_t from = 0, to = 0;
@@ -378,8 +386,9 @@ static void spread_blocks(struct space *s, const struct gd_apr_plan *p, int x, i
 		struct sums kind = c < 0 ? s->one : s->two;
 
 		for (int j = lo; j < hi; j++)
-			add_blocks(s->acc + (size_t)(j % s->slots) * s->slot + to, s->vert[0] + from, s->vert[1] + from,
-				   kind, p->order, c < 0 ? p->k1 : p->k2, GD_APR_PAD + p->radius + x - p->cx[j]);
+			add_blocks(s->acc + (size_t)(j % s->slots) * s->slot + to,
+				   s->vert[0] + from, s->vert[1] + from, kind, p->order,
+				   c < 0 ? p->k1 : p->k2, GD_APR_PAD + p->radius + x - p->cx[j]);
 		from += kind.nvert;
 		to += kind.total;
 	}
@@ -392,7 +401,8 @@ static void fit_row(const struct gd_apr_plan *p, int row, double *work)
 	int lo = 0, hi = 0;	/* windows under way: lo .. hi - 1 */
 
 	lay_out(&s, p, work);
-	memset(s.batch.a, 0, (size_t)(s.batch.work - s.batch.a) * sizeof(double));	/* lanes of a batch not full */
+	/* a last batch that is not full has lanes of nothing */
+	memset(s.batch.a, 0, (size_t)(s.batch.work - s.batch.a) * sizeof(double));
 	s.batch.n = 0;
 	make_maps(&s, p);
 	for (int x = 0; x < p->w; x += wide) {

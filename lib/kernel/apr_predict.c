@@ -2,8 +2,9 @@
 /*
  * What the windows predict: sum_c K_c(i) b_c' z_i / sum_c K_c(i), without visiting every window for
  * every pixel. As K is a product of a function of x and one of y, and z holds the same features for
- * all windows, the coefficients are spread instead: first along y (to the pixel row, where powers of
- * v become numbers), then along x (with K(u) u^k), and the features are multiplied once per pixel.
+ * all windows, the coefficients are spread instead: first along y (to the pixel row, where powers
+ * of v become numbers), then along x (with K(u) u^k), and the features are multiplied once per
+ * pixel.
  */
 #include <float.h>
 #include <string.h>
@@ -62,7 +63,8 @@ static void spread_y(struct space *s, const struct gd_apr_plan *p, int row, int 
 		}
 	}
 	for (int e = 0; e < s->extras; e++)
-		add_scaled(t + (size_t)e * n, p->k1[0][at], gd_apr_model(p, row, p->ny * p->p + e), n);
+		add_scaled(t + (size_t)e * n, p->k1[0][at], gd_apr_model(p, row, p->ny * p->p + e),
+			   n);
 }
 
 /* Centres whose windows reach the vector of pixels at x: *lo .. *hi - 1. Call with growing x. */
@@ -74,10 +76,10 @@ static inline void reach(const struct gd_apr_plan *p, int x, int *lo, int *hi)
 		++*lo;
 }
 
-/* row[i][x ..] = sum over centres j of K t[i][j], for n <= 4 planes (a constant where it is called). */
+/* row[i][x ..] = sum over centres j of K t[i][j], n <= 4 planes (a constant where it is called). */
 static inline __attribute__((always_inline)) void
-gather(double *restrict row, size_t width, const double *restrict t, const struct gd_apr_plan *p, int x,
-       int lo, int hi, int n)
+gather(double *restrict row, size_t width, const double *restrict t, const struct gd_apr_plan *p,
+       int x, int lo, int hi, int n)
 {
 	const double *k = p->k1[0] + GD_APR_PAD + p->radius + x;
 	gd_vec sum[4] = { { 0 } };
@@ -95,21 +97,24 @@ gather(double *restrict row, size_t width, const double *restrict t, const struc
 /* Spreads n planes along x. */
 static void spread_x(double *row, size_t width, const double *t, const struct gd_apr_plan *p, int n)
 {
+	size_t nx = (size_t)p->nx;
+
 	for (int x = 0, lo = 0, hi = 0; x < p->w; x += GD_LANES) {
 		int i = 0;
 
 		reach(p, x, &lo, &hi);
 		for (; i + 4 <= n; i += 4)
-			gather(row + (size_t)i * width, width, t + (size_t)i * p->nx, p, x, lo, hi, 4);
+			gather(row + i * width, width, t + i * nx, p, x, lo, hi, 4);
 		for (; i + 2 <= n; i += 2)
-			gather(row + (size_t)i * width, width, t + (size_t)i * p->nx, p, x, lo, hi, 2);
+			gather(row + i * width, width, t + i * nx, p, x, lo, hi, 2);
 		if (i < n)
-			gather(row + (size_t)i * width, width, t + (size_t)i * p->nx, p, x, lo, hi, 1);
+			gather(row + i * width, width, t + i * nx, p, x, lo, hi, 1);
 	}
 }
 
 /* row += the planes of powers u .. u^order, spread along x. */
-static void spread_powers(double *restrict row, const double *restrict t, const struct gd_apr_plan *p)
+static void spread_powers(double *restrict row, const double *restrict t,
+			  const struct gd_apr_plan *p)
 {
 	for (int x = 0, lo = 0, hi = 0; x < p->w; x += GD_LANES) {
 		gd_vec sum = *(gd_vec *)(row + x);
@@ -126,7 +131,8 @@ static void spread_powers(double *restrict row, const double *restrict t, const 
 	}
 }
 
-static void finish(struct gd_plane out, int y, const double *restrict row, const struct gd_apr_plan *p)
+static void finish(struct gd_plane out, int y, const double *restrict row,
+		   const struct gd_apr_plan *p)
 {
 	float *restrict to = gd_row(out, y);
 	double sy = p->sumy[y];
@@ -140,14 +146,15 @@ static void finish(struct gd_plane out, int y, const double *restrict row, const
 }
 
 /* row += (f - ref) * coefficient */
-static void add_feature(double *restrict row, const double *restrict coefficient, const float *restrict f,
-			double ref, int n)
+static void add_feature(double *restrict row, const double *restrict coefficient,
+			const float *restrict f, double ref, int n)
 {
 	for (int x = 0; x < n; x++)
 		row[x] += coefficient[x] * ((double)f[x] - ref);
 }
 
-void gd_apr_predict_row(const struct gd_apr_plan *p, const struct gd_apr_out *out, int y, double *work)
+void gd_apr_predict_row(const struct gd_apr_plan *p, const struct gd_apr_out *out, int y,
+			double *work)
 {
 	struct space s;
 	const double *t;
@@ -164,7 +171,8 @@ void gd_apr_predict_row(const struct gd_apr_plan *p, const struct gd_apr_out *ou
 		spread_powers(s.row, t, p);
 		t += (size_t)p->order * p->nx;
 		for (int a = 0; a < p->nf; a++)
-			add_feature(s.row, s.row + (size_t)(1 + a) * s.width, gd_row(p->feat[a], y), p->ref[a], p->w);
+			add_feature(s.row, s.row + (size_t)(1 + a) * s.width, gd_row(p->feat[a], y),
+				    p->ref[a], p->w);
 		finish(out->est[c], y, s.row, p);
 	}
 	for (int e = 0; e < s.extras; e++, t += p->nx) {

@@ -2,10 +2,11 @@
 /*
  * The fits of a batch of windows, one window per lane, from their sums.
  *
- * With A = sum K z z' = L L' and t = L^-1 sum K z y, column q of the orthonormal form explains t_q^2
- * of the window's weighted square and carries noise V_q = (L^-1 M L^-T)_qq, M = sum K^2 var z z'.
- * Using it changes the expected error by V_q - (t_q^2 - V_q): the columns come in the order of the
- * polynomial's, so all orders share one factor and an order's cost is a partial sum.
+ * With A = sum K z z' = L L' and t = L^-1 sum K z y, column q of the orthonormal form explains
+ * t_q^2 of the window's weighted square and carries noise V_q = (L^-1 M L^-T)_qq, where
+ * M = sum K^2 var z z'. Using it changes the expected error by V_q - (t_q^2 - V_q). The columns
+ * come in the order of the polynomial's, so all orders share one factor and an order's cost is a
+ * partial sum.
  */
 #include <math.h>
 #include <stdint.h>
@@ -15,10 +16,10 @@
 typedef int64_t mask __attribute__((vector_size(8 * GD_LANES)));
 
 /*
- * A column is left out where what remains of it, after those before it, is rounding: below RAW of its
- * own square about the image's median (products of doubles cancel to a few 1e-16 of that) or COLLINEAR
- * of its square about the window's mean (1e-4 of its spread: less cannot be told from float rounding
- * once coefficients multiply it).
+ * A column is left out where what remains of it, after those before it, is rounding: below RAW of
+ * its own square about the image's median (products of doubles cancel to a few 1e-16 of that) or
+ * COLLINEAR of its square about the window's mean (1e-4 of its spread: less cannot be told from
+ * float rounding once coefficients multiply it).
  */
 #define RAW 1e-12
 #define COLLINEAR 1e-8
@@ -161,7 +162,8 @@ static void noise(const struct gd_apr_plan *p, gd_vec *l, gd_vec *m, struct fact
 }
 
 /* The order of least estimated error, all channels with a variance together; ties: the smaller. */
-static gd_vec choose(const struct gd_apr_plan *p, gd_vec weight, const gd_vec *b, const struct factor *f)
+static gd_vec choose(const struct gd_apr_plan *p, gd_vec weight, const gd_vec *b,
+		     const struct factor *f)
 {
 	gd_vec best = splat(p->order_min), cost = { 0 }, least = { 0 }, scale[GD_APR_RHS];
 
@@ -188,8 +190,9 @@ static gd_vec choose(const struct gd_apr_plan *p, gd_vec weight, const gd_vec *b
 	return best;
 }
 
-/* Estimated squared error per pixel of channel c: what the columns in use leave, plus the noise they carry. */
-static gd_vec error_of(const struct gd_apr_plan *p, gd_vec weight, const gd_vec *s, const struct factor *f, int c)
+/* Squared error per pixel of channel c: what the columns in use leave, and the noise they carry. */
+static gd_vec error_of(const struct gd_apr_plan *p, gd_vec weight, const gd_vec *s,
+		       const struct factor *f, int c)
 {
 	gd_vec bias = s[c] - s[p->nv + c], carried = { 0 };
 
@@ -215,7 +218,8 @@ static void coefficients(const struct gd_apr_plan *p, gd_vec *l, struct factor *
 	}
 }
 
-static void store(const struct gd_apr_plan *p, int row, int m, const struct gd_apr_batch *batch, gd_vec v)
+static void store(const struct gd_apr_plan *p, int row, int m, const struct gd_apr_batch *batch,
+		  gd_vec v)
 {
 	double *to = gd_apr_model(p, row, m);
 

@@ -22,21 +22,27 @@ static struct gd_plane plane(int w, int h, unsigned seed, double period)
 	for (int y = 0; y < h; y++)
 		for (int x = 0; x < w; x++) {
 			seed = seed * 1664525u + 1013904223u;
-			gd_row(p, y)[x] = (float)(1 + sin(x / period) * cos(y / period)) + (float)(seed >> 8) / (1 << 24) * 0.1f;
+			gd_row(p, y)[x] = (float)(1 + sin(x / period) * cos(y / period)) +
+					  (float)(seed >> 8) / (1 << 24) * 0.1f;
 		}
 	return p;
 }
 
 int main(int argc, char **argv)
 {
-	static const struct { const char *name; int nfeat; bool choose; struct gd_apr_conf conf; } run[] = {
-		{ "paper, 13 features", 13, true, GD_APR_PAPER },
-		{ "paper, 7 features", 7, true, GD_APR_PAPER },
-		{ "R=21 step 8, orders 0..3", 13, true, { 21, 8, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0 } },
-		{ "R=10 step 5, orders 0..3", 13, true, GD_APR_DEFAULTS },
-		{ "R=10 step 5, order 0, with error", 13, true, { 10, 5, 0, 0, GD_APR_GAUSS, 1, 1, 0, 0 } },
-		{ "R=10 step 5, order 0", 13, false, { 10, 5, 0, 0, GD_APR_GAUSS, 1, 1, 0, 0 } },
-		{ "R=6 step 3, order 0", 13, false, { 6, 3, 0, 0, GD_APR_BOX, 1, 1, 0, 0 } },
+	static const struct {
+		const char *name;
+		int nfeat;
+		bool choose;
+		struct gd_apr_conf conf;
+	} run[] = {
+		{"paper, 13 features", 13, true, GD_APR_PAPER},
+		{"paper, 7 features", 7, true, GD_APR_PAPER},
+		{"R=21 step 8, orders 0..3", 13, true, {21, 8, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0}},
+		{"R=10 step 5, orders 0..3", 13, true, GD_APR_DEFAULTS},
+		{"R=10 step 5, order 0, error", 13, true, {10, 5, 0, 0, GD_APR_GAUSS, 1, 1, 0, 0}},
+		{"R=10 step 5, order 0", 13, false, {10, 5, 0, 0, GD_APR_GAUSS, 1, 1, 0, 0}},
+		{"R=6 step 3, order 0", 13, false, {6, 3, 0, 0, GD_APR_BOX, 1, 1, 0, 0}},
 	};
 	int w = argc > 2 ? atoi(argv[1]) : 1280, h = argc > 2 ? atoi(argv[2]) : 720;
 	struct gd_plane y[3], var[3], feat[13], est[3], mse[3];

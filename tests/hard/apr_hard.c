@@ -1,11 +1,22 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Input that breaks regressions, each kind against dense least squares in double, and through the whole stage. */
+/* Input that breaks regressions: against dense least squares in double, and through the stage. */
 #include "../support/apr_dense.h"
 
 #include "apr_paper.h"
 
 enum kind {
-	BLACK, NEGATIVE, FIREFLY, DENORMAL, NO_VARIANCE, STRIPES, ALL_SAME, CONSTANT, COPY, COLLINEAR, FAR_OFF, HUGE_RANGE,
+	BLACK,
+	NEGATIVE,
+	FIREFLY,
+	DENORMAL,
+	NO_VARIANCE,
+	STRIPES,
+	ALL_SAME,
+	CONSTANT,
+	COPY,
+	COLLINEAR,
+	FAR_OFF,
+	HUGE_RANGE,
 	KINDS
 };
 
@@ -28,7 +39,8 @@ static struct scene hard(int w, int h, enum kind kind)
 
 				if (kind == BLACK || kind == ALL_SAME)
 					*v = kind == BLACK ? 0 : 0.7f;
-				if (kind == BLACK || kind == NO_VARIANCE || kind == ALL_SAME || (kind == STRIPES && x / 3 % 2))
+				if (kind == BLACK || kind == NO_VARIANCE || kind == ALL_SAME ||
+				    (kind == STRIPES && x / 3 % 2))
 					*var = 0;
 				if (kind == NEGATIVE)
 					*v -= 3;
@@ -62,13 +74,18 @@ static void test_dense(void **state)
 	(void)state;
 	for (int i = 0; i < 4; i++)
 		for (enum kind k = 0; k < KINDS; k++) {
-			against_dense(hard(size[i][0], size[i][1], k), (struct gd_apr_conf){ 6, 3, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0 }, false);
-			against_dense(hard(size[i][0], size[i][1], k), (struct gd_apr_conf){ 3, 2, 0, 0, GD_APR_BOX, 1, 1, 0, 0 }, true);
+			against_dense(hard(size[i][0], size[i][1], k),
+				      (struct gd_apr_conf){6, 3, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0},
+				      false);
+			against_dense(hard(size[i][0], size[i][1], k),
+				      (struct gd_apr_conf){3, 2, 0, 0, GD_APR_BOX, 1, 1, 0, 0},
+				      true);
 		}
 }
 
 /* The whole stage: finite whatever comes in; a scaled frame gives the scaled result. */
-static void run_stage(struct scene *s, struct gd_plane est[3], struct gd_plane mse[3], bool variance)
+static void run_stage(struct scene *s, struct gd_plane est[3], struct gd_plane mse[3],
+		      bool variance)
 {
 	static struct gd_apr_frame f;
 	struct gd_apr_conf conf = { 5, 3, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0 };
@@ -86,12 +103,14 @@ static void run_stage(struct scene *s, struct gd_plane est[3], struct gd_plane m
 		f.feat_var[a] = s->feat_var[a];
 		f.layer[a] = a;
 	}
-	assert_int_equal(gd_apr_paper(&out, &f, &conf, GD_SPIKES_RETURN, &result, NULL, &err), GD_OK);
+	assert_int_equal(gd_apr_paper(&out, &f, &conf, GD_SPIKES_RETURN, &result, NULL, &err),
+			 GD_OK);
 	for (int y = 0; y < s->h; y++)
 		for (int x = 0; x < s->w; x++)
 			for (int c = 0; c < 3; c++) {
 				assert_true(isfinite(gd_row(est[c], y)[x]));
-				assert_true(isfinite(gd_row(mse[c], y)[x]) && gd_row(mse[c], y)[x] >= 0);
+				assert_true(isfinite(gd_row(mse[c], y)[x]) &&
+					    gd_row(mse[c], y)[x] >= 0);
 			}
 }
 
@@ -140,7 +159,9 @@ static void test_not_numbers(void **state)
 
 			for (int y = 0; y < s.h; y++)
 				for (int x = 0; x < s.w; x++) {
-					if (where < 8 ? (x * 3 + y * 7) % 29 : where < 12 ? x < 10 || y < 5 : 0)
+					if (where < 8 && (x * 3 + y * 7) % 29)
+						continue;
+					if (where >= 8 && where < 12 && (x < 10 || y < 5))
 						continue;
 					if (where % 4 == 0 || where % 4 == 3)
 						gd_row(s.y[1], y)[x] = bad[k];
@@ -196,21 +217,28 @@ static void test_scale(void **state)
 			for (int y = 0; y < 33; y++)
 				for (int x = 0; x < 37; x++) {
 					for (int c = 0; c < 3; c++) {
-						gd_row(b.y[c], y)[x] = ldexpf(gd_row(b.y[c], y)[x], power[i]);
-						gd_row(b.var[c], y)[x] = ldexpf(gd_row(b.var[c], y)[x], 2 * power[i]);
+						gd_row(b.y[c], y)[x] =
+							ldexpf(gd_row(b.y[c], y)[x], power[i]);
+						gd_row(b.var[c], y)[x] = ldexpf(
+							gd_row(b.var[c], y)[x], 2 * power[i]);
 					}
 					for (int k = 0; k < 4; k++)
-						gd_row(b.feat[k], y)[x] = ldexpf(gd_row(b.feat[k], y)[x], -power[i]);
+						gd_row(b.feat[k], y)[x] =
+							ldexpf(gd_row(b.feat[k], y)[x], -power[i]);
 				}
 			run_stage(&a, ea, ma, variance);
 			run_stage(&b, eb, mb, variance);
 			for (int y = 0; y < 33; y++)
 				for (int x = 0; x < 37; x++)
 					for (int c = 0; c < 3; c++) {
-						float e = ldexpf(gd_row(eb[c], y)[x], -power[i]), m = ldexpf(gd_row(mb[c], y)[x], -2 * power[i]);
+						float e = ldexpf(gd_row(eb[c], y)[x], -power[i]),
+						      m = ldexpf(gd_row(mb[c], y)[x],
+								 -2 * power[i]);
 
-						assert_true(fabsf(e - gd_row(ea[c], y)[x]) <= 4e-6f);
-						assert_true(fabsf(m - gd_row(ma[c], y)[x]) <= 1e-5f * gd_row(ma[c], y)[x] + 1e-12f);
+						assert_true(fabsf(e - gd_row(ea[c], y)[x]) <=
+							    4e-6f);
+						assert_true(fabsf(m - gd_row(ma[c], y)[x]) <=
+							    1e-5f * gd_row(ma[c], y)[x] + 1e-12f);
 					}
 			release(ea);
 			release(ma);
@@ -224,8 +252,9 @@ static void test_scale(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_dense), cmocka_unit_test(test_stage), cmocka_unit_test(test_not_numbers),
-		cmocka_unit_test(test_firefly), cmocka_unit_test(test_scale),
+		cmocka_unit_test(test_dense),	    cmocka_unit_test(test_stage),
+		cmocka_unit_test(test_not_numbers), cmocka_unit_test(test_firefly),
+		cmocka_unit_test(test_scale),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

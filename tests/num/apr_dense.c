@@ -4,7 +4,8 @@
 
 static void test_sizes(void **state)
 {
-	static const int size[][2] = { { 37, 29 }, { 16, 16 }, { 1, 1 }, { 1, 23 }, { 31, 1 }, { 2, 3 }, { 5, 64 } };
+	static const int size[][2] = {{37, 29}, {16, 16}, {1, 1}, {1, 23},
+				      {31, 1},	{2, 3},	  {5, 64}};
 
 	(void)state;
 	for (size_t i = 0; i < sizeof size / sizeof *size; i++)
@@ -15,9 +16,14 @@ static void test_sizes(void **state)
 static void test_settings(void **state)
 {
 	static const struct gd_apr_conf conf[] = {
-		{ 0, 1, 0, 0, GD_APR_GAUSS, 1, 1, 0, 0 }, { 1, 1, 0, 3, GD_APR_BOX, 1, 1, 0, 0 }, { 4, 2, 0, 3, GD_APR_BOX, 0, 1, 0, 0 },
-		{ 9, 4, 1, 2, GD_APR_GAUSS, 1, 1, 0, 0 }, { 6, 13, 2, 2, GD_APR_GAUSS, 1, 1, 0, 0 }, { 21, 8, 0, 3, GD_APR_GAUSS, 3, 2.5, 0, 0 },
-		{ 8, 4, 0, 3, GD_APR_GAUSS, 1, 1, 0.1, 0 }, { 8, 4, 0, 1, GD_APR_BOX, 0, 1, 0.01, 0.02 },
+		{0, 1, 0, 0, GD_APR_GAUSS, 1, 1, 0, 0},
+		{1, 1, 0, 3, GD_APR_BOX, 1, 1, 0, 0},
+		{4, 2, 0, 3, GD_APR_BOX, 0, 1, 0, 0},
+		{9, 4, 1, 2, GD_APR_GAUSS, 1, 1, 0, 0},
+		{6, 13, 2, 2, GD_APR_GAUSS, 1, 1, 0, 0},
+		{21, 8, 0, 3, GD_APR_GAUSS, 3, 2.5, 0, 0},
+		{8, 4, 0, 3, GD_APR_GAUSS, 1, 1, 0.1, 0},
+		{8, 4, 0, 1, GD_APR_BOX, 0, 1, 0.01, 0.02},
 	};
 
 	(void)state;
@@ -30,7 +36,8 @@ static void test_settings(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = { cmocka_unit_test(test_sizes), cmocka_unit_test(test_settings) };
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_sizes),
+					   cmocka_unit_test(test_settings)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

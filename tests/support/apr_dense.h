@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * The regression engine against a slow one that owes it nothing: every window's weighted design
- * matrix is written out, orthonormalised by Gram-Schmidt, twice, in double, the noise of each column
- * summed pixel by pixel, and every window predicts every one of its pixels one after the other.
+ * matrix is written out, orthonormalised by Gram-Schmidt, twice, in double, the noise of each
+ * column summed pixel by pixel, and every window predicts every one of its pixels one after the
+ * other.
  */
 #ifndef APR_DENSE_H
 #define APR_DENSE_H
@@ -42,7 +43,8 @@ static inline struct gd_plane plane(int w, int h)
 
 static inline struct scene make(int w, int h, int ny, int nvar, int nfeat, unsigned seed)
 {
-	struct scene s = { .w = w, .h = h, .ny = ny, .nvar = nvar, .nfeat = nfeat, .weight = plane(w, h) };
+	struct scene s = {
+		.w = w, .h = h, .ny = ny, .nvar = nvar, .nfeat = nfeat, .weight = plane(w, h)};
 
 	for (int c = 0; c < ny; c++)
 		s.y[c] = plane(w, h);
@@ -60,7 +62,8 @@ static inline struct scene make(int w, int h, int ny, int nvar, int nfeat, unsig
 			gd_row(s.weight, y)[x] = (float)(0.2 + rnd(&seed));
 
 			for (int a = 0; a < nfeat; a++) {
-				double f = a == 0 ? edge : a == 1 ? sin(9 * u) + v : a == 2 ? u * v : rnd(&seed);
+				const double smooth[3] = { edge, sin(9 * u) + v, u * v };
+				double f = a < 3 ? smooth[a] : rnd(&seed);
 
 				gd_row(s.feat[a], y)[x] = (float)f;
 				gd_row(s.feat_var[a], y)[x] = a == 1 ? 1e-3f : 0;
@@ -68,9 +71,11 @@ static inline struct scene make(int w, int h, int ny, int nvar, int nfeat, unsig
 			for (int c = 0; c < ny; c++) {
 				double n = noise * (rnd(&seed) + rnd(&seed) + rnd(&seed) - 1.5) * 2;
 
-				gd_row(s.y[c], y)[x] = (float)(1 + c * u + edge + u * u * v + (c == 1 ? sin(20 * v) : 0) + n);
+				gd_row(s.y[c], y)[x] = (float)(1 + c * u + edge + u * u * v +
+							       (c == 1 ? sin(20 * v) : 0) + n);
 				if (c < nvar)
-					gd_row(s.var[c], y)[x] = (float)(noise * noise * (0.5 + rnd(&seed)));
+					gd_row(s.var[c], y)[x] =
+						(float)(noise * noise * (0.5 + rnd(&seed)));
 			}
 		}
 	return s;
@@ -91,11 +96,12 @@ static inline void drop(struct scene *s)
 
 static inline int ascending(const void *a, const void *b)
 {
-	return (*(const double *)a > *(const double *)b) - (*(const double *)a < *(const double *)b);
+	return (*(const double *)a > *(const double *)b) -
+	       (*(const double *)a < *(const double *)b);
 }
 
-/* What is added to the squared mean where channels are weighed: 1 % of the squared level, which is the
- * mean over the middle half of 64 rows' means of 64 magnitudes each. */
+/* What is added to the squared mean where channels are weighed: 1 % of the squared level, which is
+ * the mean over the middle half of 64 rows' means of 64 magnitudes each. */
 static inline double level2(const struct scene *s)
 {
 	double sum = 0;
@@ -104,7 +110,8 @@ static inline double level2(const struct scene *s)
 		double row[64] = { 0 };
 
 		for (int i = 0; i < 64 * 64; i++)
-			row[i / 64] += fabs((double)gd_row(s->y[c], i / 64 * (s->h - 1) / 63)[i % 64 * (s->w - 1) / 63]) / 64;
+			row[i / 64] += fabs((double)gd_row(s->y[c], i / 64 * (s->h - 1) / 63)
+						[i % 64 * (s->w - 1) / 63]) / 64;
 		qsort(row, 64, sizeof *row, ascending);
 		for (int i = 16; i < 48; i++)
 			sum += row[i] / 32 / s->nvar;
@@ -124,22 +131,27 @@ static inline double range2(struct gd_plane f)
 }
 
 /*
- * Dense fit of one window; adds its predictions to est (and the error and order) and its weights to sum.
- * A pull of column j towards 0 is row n + j of the design: its root in that column, no value of y.
+ * Dense fit of one window; adds its predictions to est (and the error and order) and its weights to
+ * sum. A pull of column j towards 0 is row n + j of the design: its root in that column, no value
+ * of y.
  */
-static inline void window(const struct scene *s, const struct gd_apr_conf *conf, double level, bool weighted, int cx, int cy,
-		   double *est, double *mse, double *order, double *sum)
+static inline void window(const struct scene *s, const struct gd_apr_conf *conf, double level,
+			  bool weighted, int cx, int cy, double *est, double *mse, double *order,
+			  double *sum)
 {
 	int r = conf->radius, p = 1 + s->nfeat + 2 * conf->order_max, n = 0, side = 2 * r + 1, best;
-	double *x = calloc((size_t)(side * side * p), sizeof *x), *q = calloc((size_t)((side * side + p) * p), sizeof *q);
-	double *k = calloc((size_t)(side * side), sizeof *k), *fit = calloc((size_t)(side * side * s->ny), sizeof *fit);
+	double *x = calloc((size_t)(side * side * p), sizeof *x),
+	       *q = calloc((size_t)((side * side + p) * p), sizeof *q);
+	double *k = calloc((size_t)(side * side), sizeof *k),
+	       *fit = calloc((size_t)(side * side * s->ny), sizeof *fit);
 	int *at = calloc((size_t)(side * side), sizeof *at);
 	double *spread = calloc((size_t)(side * side), sizeof *spread);	/* the kernel alone */
 	double v[MAXP][6], t[MAXP][6], mean[6] = { 0 }, total = 0, cost[4] = { 0 };
 
 	for (int y = cy - r; y <= cy + r; y++)
 		for (int xx = cx - r; xx <= cx + r; xx++) {
-			double dx = r ? (double)(xx - cx) / r : 0, dy = r ? (double)(y - cy) / r : 0, *z = x + n * p;
+			double dx = r ? (double)(xx - cx) / r : 0,
+			       dy = r ? (double)(y - cy) / r : 0, *z = x + n * p;
 
 			if (xx < 0 || y < 0 || xx >= s->w || y >= s->h)
 				continue;
@@ -184,20 +196,23 @@ static inline void window(const struct scene *s, const struct gd_apr_conf *conf,
 		for (int i = 0; i < n + p; i++)
 			len += q[i * p + j] * q[i * p + j];
 		for (int i = 0; i < n && j >= 1 && j <= s->nfeat; i++)
-			noise += k[i] * (double)gd_row(s->feat_var[j - 1], at[i] / s->w)[at[i] % s->w];
-		if (j > 0 && (len <= 1e-8 * about_mean || len <= 1e-12 * total || len <= 1e-26 * raw ||
-			      len <= conf->feature_noise * noise))
+			noise += k[i] *
+				 (double)gd_row(s->feat_var[j - 1], at[i] / s->w)[at[i] % s->w];
+		if (j > 0 && (len <= 1e-8 * about_mean || len <= 1e-12 * total ||
+			      len <= 1e-26 * raw || len <= conf->feature_noise * noise))
 			len = 0;
 		for (int i = 0; i < n + p; i++)
 			q[i * p + j] = len > 0 ? q[i * p + j] / sqrt(len) : 0;
 		for (int c = 0; c < s->ny; c++) {
 			t[j][c] = v[j][c] = 0;
 			for (int i = 0; i < n; i++) {
-				size_t o = (size_t)(at[i] / s->w) * s->y[c].stride + (size_t)(at[i] % s->w);
+				size_t o = (size_t)(at[i] / s->w) * s->y[c].stride +
+					   (size_t)(at[i] % s->w);
 
 				t[j][c] += q[i * p + j] * sqrt(k[i]) * (double)s->y[c].v[o];
 				if (c < s->nvar)
-					v[j][c] += conf->correlation * q[i * p + j] * q[i * p + j] * k[i] * (double)s->var[c].v[o];
+					v[j][c] += conf->correlation * q[i * p + j] * q[i * p + j] *
+						   k[i] * (double)s->var[c].v[o];
 			}
 		}
 	}
@@ -206,7 +221,8 @@ static inline void window(const struct scene *s, const struct gd_apr_conf *conf,
 		cost[o] = cost[o - 1];
 		for (int j = s->nfeat + 2 * o - 1; j <= s->nfeat + 2 * o; j++)
 			for (int c = 0; c < s->nvar; c++)
-				cost[o] += (2 * v[j][c] - t[j][c] * t[j][c]) / (pow(mean[c] / total, 2) + level);
+				cost[o] += (2 * v[j][c] - t[j][c] * t[j][c]) /
+					   (pow(mean[c] / total, 2) + level);
 		if (cost[o] < cost[best])
 			best = o;
 	}
@@ -231,7 +247,8 @@ static inline void window(const struct scene *s, const struct gd_apr_conf *conf,
 			carried += v[j][c];
 		}
 		for (int i = 0; c < s->nvar && i < n; i++)
-			mse[c * s->w * s->h + at[i]] += spread[i] * ((left > 0 ? left : 0) + carried) / total;
+			mse[c * s->w * s->h + at[i]] +=
+				spread[i] * ((left > 0 ? left : 0) + carried) / total;
 	}
 	for (int i = 0; i < n; i++) {
 		sum[at[i]] += spread[i];
@@ -245,7 +262,7 @@ static inline void window(const struct scene *s, const struct gd_apr_conf *conf,
 	free(at);
 }
 
-/* Both results, compared: relative to the largest value of the estimate, and of the error. Frees the scene. */
+/* Both results compared, relative to the largest estimate and error. Frees the scene. */
 static inline void against_dense(struct scene s, struct gd_apr_conf conf, bool weighted)
 {
 	int w = s.w, h = s.h, ny = s.ny, nvar = s.nvar, nfeat = s.nfeat;
@@ -268,7 +285,8 @@ static inline void against_dense(struct scene s, struct gd_apr_conf conf, bool w
 	assert_int_equal(gd_apr_fit(&out, &in, &conf, NULL, &err), GD_OK);
 	for (int j = 0; j < nrow; j++)
 		for (int i = 0; i < nx; i++)
-			window(&s, &conf, level2(&s), weighted, cx[i], cy[j], want, wmse, word, sum);
+			window(&s, &conf, level2(&s), weighted, cx[i], cy[j], want, wmse, word,
+			       sum);
 	for (int y = 0; y < h; y++)
 		for (int x = 0; x < w; x++) {
 			size_t i = (size_t)(y * w + x);
@@ -284,17 +302,21 @@ static inline void against_dense(struct scene s, struct gd_apr_conf conf, bool w
 			for (int c = 0; c < nvar; c++) {
 				double v = fmin(wmse[(size_t)c * n + i] / sum[i], (double)FLT_MAX);
 
-				assert_true(isfinite(gd_row(mse[c], y)[x]) && gd_row(mse[c], y)[x] >= 0);
+				assert_true(isfinite(gd_row(mse[c], y)[x]) &&
+					    gd_row(mse[c], y)[x] >= 0);
 				worst_mse = fmax(worst_mse, fabs((double)gd_row(mse[c], y)[x] - v));
 				most_mse = fmax(most_mse, v);
 			}
-			worst_order = fmax(worst_order, fabs((double)gd_row(out.order, y)[x] - word[i] / sum[i]));
+			worst_order = fmax(worst_order, fabs((double)gd_row(out.order, y)[x] -
+							     word[i] / sum[i]));
 		}
 	/* the estimate is rounded to float (6e-8, denormals 1e-45) and may be a difference of
 	 * terms a few times larger; the error is one of squares in double */
-	if (!(worst <= 1e-6 * most + 1e-44) || !(worst_mse <= 1e-5 * most_mse + 1e-13 * most * most + 1e-44) || !(worst_order <= 1e-5))
-		print_message("%dx%d R=%d: estimate off by %g of %g, error by %g of %g, order by %g\n", w, h,
-			      conf.radius, worst, most, worst_mse, most_mse, worst_order);
+	if (!(worst <= 1e-6 * most + 1e-44) ||
+	    !(worst_mse <= 1e-5 * most_mse + 1e-13 * most * most + 1e-44) || !(worst_order <= 1e-5))
+		print_message(
+			"%dx%d R=%d: estimate off by %g of %g, error by %g of %g, order by %g\n", w,
+			h, conf.radius, worst, most, worst_mse, most_mse, worst_order);
 	assert_true(worst <= 1e-6 * most + 1e-44);
 	assert_true(worst_mse <= 1e-5 * most_mse + 1e-13 * most * most + 1e-44);
 	assert_true(worst_order <= 1e-5);

@@ -75,7 +75,8 @@ static double rnd(uint32_t key)
 	return (double)key / 4294967296.0 - 0.5;
 }
 
-/* A picture with two regions, a smooth shade, noise of two strengths; features: region, ramp, noise. */
+/* A picture with two regions, a smooth shade, noise of two strengths; features: region, ramp,
+ * noise. */
 static void paint(struct frame *f)
 {
 	for (int y = 0; y < f->h; y++)
@@ -85,11 +86,14 @@ static void paint(struct frame *f)
 			double s = side ? 0.3 : 0.1;
 
 			for (int c = 0; c < f->ny; c++) {
-				*px(f->y[c], x, y) = (float)(1 + side + 0.02 * c * x + sin(0.2 * y) + s * rnd(key + c));
+				*px(f->y[c], x, y) = (float)(1 + side + 0.02 * c * x +
+							     sin(0.2 * y) + s * rnd(key + c));
 				*px(f->var[c], x, y) = (float)(s * s / 12);
 			}
 			for (int a = 0; a < f->nfeat; a++)
-				*px(f->feat[a], x, y) = (float)(a == 0 ? side : a == 1 ? 0.1 * x + side : rnd(key + 32 + a));
+				*px(f->feat[a], x, y) = (float)(a == 0	 ? side
+								: a == 1 ? 0.1 * x + side
+									 : rnd(key + 32 + a));
 		}
 }
 
@@ -104,14 +108,20 @@ static void fit(struct frame *f, struct gd_apr_conf conf)
 
 static const struct gd_apr_conf settings = { 7, 3, 0, 3, GD_APR_GAUSS, 1, 1, 0, 0 };
 
-/* Largest difference of two planes, b seen through a map of coordinates, relative to the largest value. */
+/* Largest difference of two planes, b seen through a map of coordinates, relative to the largest
+ * value. */
 static double apart(struct gd_plane a, struct gd_plane b, int map)
 {
 	double worst = 0, most = 0;
 
 	for (int y = 0; y < a.h; y++)
 		for (int x = 0; x < a.w; x++) {
-			int i = map == 1 ? a.w - 1 - x : map == 3 ? y : x, j = map == 2 ? a.h - 1 - y : map == 3 ? x : y;
+			int i = map == 1   ? a.w - 1 - x
+				: map == 3 ? y
+					   : x,
+			    j = map == 2   ? a.h - 1 - y
+				: map == 3 ? x
+					   : y;
 			double d = fabs((double)*px(a, x, y) - (double)*px(b, i, j));
 
 			worst = d > worst || isnan(d) ? d : worst;
@@ -120,7 +130,8 @@ static double apart(struct gd_plane a, struct gd_plane b, int map)
 	return worst / (most > 0 ? most : 1);
 }
 
-/* What the model can express comes back, noise or not in the variances: to a few float roundings. */
+/* What the model can express comes back, noise or not in the variances: to a few float roundings.
+ */
 static void test_exact(void **state)
 {
 	struct frame f = frame(53, 41, 3, 3, 3);
@@ -132,8 +143,10 @@ static void test_exact(void **state)
 			for (int c = 0; c < 3; c++) {
 				double u = x / 26.0 - 1, v = y / 20.0 - 1;
 
-				*px(f.y[c], x, y) = (float)(2 + u - 0.7 * v * v + c * u * u * u + 0.3 * v * v * v +
-					3 * (double)*px(f.feat[0], x, y) - 0.5 * (double)*px(f.feat[2], x, y));
+				*px(f.y[c], x, y) =
+					(float)(2 + u - 0.7 * v * v + c * u * u * u +
+						0.3 * v * v * v + 3 * (double)*px(f.feat[0], x, y) -
+						0.5 * (double)*px(f.feat[2], x, y));
 				*px(f.var[c], x, y) = 0;
 			}
 	fit(&f, settings);
@@ -154,15 +167,23 @@ static void test_symmetry(void **state)
 	for (int s = 0; s < 3; s++)
 		for (int map = 1; map <= 3; map++) {
 			int w = size[s][0], h = size[s][1];
-			struct frame a = frame(w, h, 3, 3, 3), b = map == 3 ? frame(h, w, 3, 3, 3) : frame(w, h, 3, 3, 3);
+			struct frame a = frame(w, h, 3, 3, 3),
+				     b = map == 3 ? frame(h, w, 3, 3, 3) : frame(w, h, 3, 3, 3);
 
 			paint(&a);
 			for (int y = 0; y < b.h; y++)
 				for (int x = 0; x < b.w; x++) {
-					int i = map == 1 ? w - 1 - x : map == 3 ? y : x, j = map == 2 ? h - 1 - y : map == 3 ? x : y;
+					int i = map == 1   ? w - 1 - x
+						: map == 3 ? y
+							   : x,
+					    j = map == 2   ? h - 1 - y
+						: map == 3 ? x
+							   : y;
 
 					for (int c = 0; c < 3; c++) {
-						int d = map == 2 ? (c + 1) % 3 : c;	/* and the channels turned round */
+						int d = map == 2 ? (c + 1) % 3
+								 : c; /* and the channels turned
+									 round */
 
 						*px(b.y[d], x, y) = 64 * *px(a.y[c], i, j);
 						*px(b.var[d], x, y) = 4096 * *px(a.var[c], i, j);
@@ -209,7 +230,8 @@ static void test_layers(void **state)
 		assert_true(apart(a.est[c], b.est[c], 0) < 1e-6);
 	for (int y = 0; y < b.h; y++)
 		for (int x = 0; x < b.w; x++)
-			worst = fmax(worst, fabs((double)*px(b.est[3], x, y) + (double)*px(b.est[4], x, y) -
+			worst = fmax(worst, fabs((double)*px(b.est[3], x, y) +
+						 (double)*px(b.est[4], x, y) -
 						 (double)*px(b.est[1], x, y)));
 	assert_true(worst < 2e-6);
 	release(&a);
@@ -226,7 +248,8 @@ static void test_useless_features(void **state)
 	paint(&b);
 	for (int y = 0; y < b.h; y++)
 		for (int x = 0; x < b.w; x++) {
-			*px(a.feat[1], x, y) = *px(b.feat[1], x, y) = (float)(x % 8) + (float)(y % 3);
+			*px(a.feat[1], x, y) = *px(b.feat[1], x, y) =
+				(float)(x % 8) + (float)(y % 3);
 			*px(b.feat[2], x, y) = 7;
 			*px(b.feat[3], x, y) = *px(b.feat[1], x, y);
 			*px(b.feat[4], x, y) = 3 * *px(b.feat[0], x, y) - 2 * *px(b.feat[1], x, y);
@@ -300,8 +323,10 @@ static void test_threads(void **state)
 		fit(&f[i], settings);
 		for (int c = 0; i > 0 && c < 3; c++)
 			for (int y = 0; y < 47; y++) {
-				assert_memory_equal(gd_row(f[0].est[c], y), gd_row(f[i].est[c], y), 61 * sizeof(float));
-				assert_memory_equal(gd_row(f[0].mse[c], y), gd_row(f[i].mse[c], y), 61 * sizeof(float));
+				assert_memory_equal(gd_row(f[0].est[c], y), gd_row(f[i].est[c], y),
+						    61 * sizeof(float));
+				assert_memory_equal(gd_row(f[0].mse[c], y), gd_row(f[i].mse[c], y),
+						    61 * sizeof(float));
 			}
 	}
 	for (int i = 0; i < 3; i++)
@@ -335,7 +360,8 @@ static void test_extremes(void **state)
 				for (int x = 0; x < f.w; x++)
 					for (int c = 0; c < 3; c++) {
 						assert_true(isfinite(*px(f.est[c], x, y)));
-						assert_true(isfinite(*px(f.mse[c], x, y)) && *px(f.mse[c], x, y) >= 0);
+						assert_true(isfinite(*px(f.mse[c], x, y)) &&
+							    *px(f.mse[c], x, y) >= 0);
 					}
 			release(&f);
 		}
@@ -423,11 +449,12 @@ static void test_arguments(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_exact), cmocka_unit_test(test_symmetry), cmocka_unit_test(test_layers),
-		cmocka_unit_test(test_useless_features), cmocka_unit_test(test_shifted_feature),
-		cmocka_unit_test(test_noisy_feature), cmocka_unit_test(test_threads),
-		cmocka_unit_test(test_extremes), cmocka_unit_test(test_tiny_scale),
-		cmocka_unit_test(test_centres), cmocka_unit_test(test_arguments),
+		cmocka_unit_test(test_exact),		cmocka_unit_test(test_symmetry),
+		cmocka_unit_test(test_layers),		cmocka_unit_test(test_useless_features),
+		cmocka_unit_test(test_shifted_feature), cmocka_unit_test(test_noisy_feature),
+		cmocka_unit_test(test_threads),		cmocka_unit_test(test_extremes),
+		cmocka_unit_test(test_tiny_scale),	cmocka_unit_test(test_centres),
+		cmocka_unit_test(test_arguments),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

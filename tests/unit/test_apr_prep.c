@@ -73,7 +73,8 @@ static void test_clean(void **state)
 
 static void test_bin_variance(void **state)
 {
-	struct gd_plane bin[3] = { plane(4, 3, 1), plane(4, 3, 2), plane(4, 3, 6) }, var = plane(4, 3, 0);
+	struct gd_plane bin[3] = {plane(4, 3, 1), plane(4, 3, 2), plane(4, 3, 6)},
+			var = plane(4, 3, 0);
 
 	(void)state;
 	gd_apr_bin_variance(var, bin, 3);
@@ -91,7 +92,8 @@ static void test_bin_variance(void **state)
 /* Independent noise of variance 1/12: the mean of the estimates is that. */
 static void test_spatial_variance(void **state)
 {
-	struct gd_plane v = plane(64, 64, 0), var = plane(64, 64, 0), one = plane(1, 1, 5), none = plane(1, 1, 5);
+	struct gd_plane v = plane(64, 64, 0), var = plane(64, 64, 0), one = plane(1, 1, 5),
+			none = plane(1, 1, 5);
 	uint32_t s = 1;
 
 	(void)state;
@@ -110,7 +112,8 @@ static void test_spatial_variance(void **state)
 	free(none.v);
 }
 
-/* Four planes: the colour and a layer that is half its green. Spikes at a corner, an edge and inside. */
+/* Four planes: the colour and a layer that is half its green. Spikes at a corner, an edge and
+ * inside. */
 static void spike_frame(struct gd_plane y[4], struct gd_plane var[3], float height)
 {
 	static const int at[3][2] = { { 0, 0 }, { 39, 12 }, { 17, 20 } };
@@ -119,14 +122,16 @@ static void spike_frame(struct gd_plane y[4], struct gd_plane var[3], float heig
 		y[c] = plane(40, 32, 0);
 		for (int j = 0; j < 32; j++)
 			for (int i = 0; i < 40; i++)
-				gd_row(y[c], j)[i] = (c == 3 ? 0.5f : 1) * (1 + 0.01f * (float)((i * 7 + j * 13) % 10));
+				gd_row(y[c], j)[i] = (c == 3 ? 0.5f : 1) *
+						     (1 + 0.01f * (float)((i * 7 + j * 13) % 10));
 		for (int k = 0; k < 3; k++)
 			gd_row(y[c], at[k][1])[at[k][0]] = (c == 3 ? 0.5f : 1) * height;
 	}
 	for (int c = 0; c < 3; c++) {
 		var[c] = plane(40, 32, 0.01f);
 		for (int k = 0; k < 3; k++)
-			gd_row(var[c], at[k][1])[at[k][0]] = height < 1e18f ? height * height : FLT_MAX;
+			gd_row(var[c], at[k][1])[at[k][0]] =
+				height < 1e18f ? height * height : FLT_MAX;
 	}
 }
 
@@ -155,7 +160,8 @@ static void test_spikes(void **state)
 		assert_true(fabs(total(y[c]) / before[c] - 1) < 1e-6);
 	for (int j = 0; j < 32; j++)
 		for (int i = 0; i < 40; i++)
-			assert_true(fabs((double)gd_row(y[3], j)[i] - 0.5 * (double)gd_row(y[1], j)[i]) < 1e-6);
+			assert_true(fabs((double)gd_row(y[3], j)[i] -
+					 0.5 * (double)gd_row(y[1], j)[i]) < 1e-6);
 	gd_apr_spikes_free(&spikes);
 	for (int c = 0; c < 4; c++)
 		free(y[c].v);
