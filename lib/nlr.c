@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The image is cut into tiles of centres that fit, with the pixels around them, into the second-level
- * cache. A tile's centres predict the pixels of a frame around it, too: every tile keeps its sums, frame
- * included, and in a second pass each pixel adds up those of the tiles that reach it, always in the same
- * order. Here: scales, tiles, hygiene; the arithmetic is in kernel/nlr_*.c.
+ * The image is cut into tiles of centres that fit, with the pixels around them, into the
+ * second-level cache. A tile's centres predict the pixels of a frame around it, too: every tile
+ * keeps its sums, frame included, and in a second pass each pixel adds up those of the tiles that
+ * reach it, always in the same order. Here: scales, tiles, hygiene; the arithmetic is in
+ * kernel/nlr_*.c.
  */
 #include "nlr.h"
 
@@ -19,8 +20,8 @@
 
 #define PITCH	GD_NLR_PITCH
 #define BATCH	64		/* tiles between two progress reports */
-#define GUIDE_LIMIT	5e5f	/* guides are cut here, in their standard deviations: squared differences,
-				 * and three such multiplied, stay in the range of floats */
+#define GUIDE_LIMIT	5e5f	/* guides are cut here, in their standard deviations, so that squared
+				 * differences, three of them multiplied, are no infinity */
 #define VALUE_LIMIT	64	/* exponent of the largest y after scaling: slopes stay in range */
 #define FIT_LIMIT	1e9f	/* fit weights are cut here, in units of their median */
 #define FEATURE_LIMIT	1e3f
@@ -132,7 +133,8 @@ static int scale_guide(struct run *r, struct gd_err *err)
 	if (var > 0.0)
 		e = -2 * (int)lrint(0.25 * log2(var));
 	r->guide_scale = root_scale(e);
-	r->noise = (float)(r->conf->eps * var * pow(r->guide_scale, 4.0) / (r->conf->k * r->conf->k));
+	r->noise =
+		(float)(r->conf->eps * var * pow(r->guide_scale, 4.0) / (r->conf->k * r->conf->k));
 	r->noise = fmaxf(r->noise, 1e-12f);
 	return GD_OK;
 }
@@ -187,8 +189,8 @@ static struct gd_nlr_tile lay_out(const struct run *r, float *work, size_t *size
 }
 
 /* Copies the part of a plane around the tile, 0 outside the image. The tile begins at x0, y0. */
-static void load(const struct run *r, const struct gd_nlr_tile *t, float *to, ptrdiff_t step, int halo,
-		 struct gd_plane from, float scale, float lo, float hi)
+static void load(const struct run *r, const struct gd_nlr_tile *t, float *to, ptrdiff_t step,
+		 int halo, struct gd_plane from, float scale, float lo, float hi)
 {
 	const int left = -halo > t->left ? -halo : t->left;
 	const int right = t->w + halo < t->right ? t->w + halo : t->right;
@@ -198,8 +200,8 @@ static void load(const struct run *r, const struct gd_nlr_tile *t, float *to, pt
 
 		memset(row - GD_NLR_PAD, 0, PITCH * sizeof *row);
 		if (from.v && y >= t->top && y < t->bottom)
-			r->kernel->load(row + left, gd_row(from, y - t->top) + left - t->left, right - left,
-					scale, lo, hi);
+			r->kernel->load(row + left, gd_row(from, y - t->top) + left - t->left,
+					right - left, scale, lo, hi);
 	}
 }
 
@@ -210,23 +212,24 @@ static void load_tile(const struct run *r, const struct gd_nlr_tile *t)
 	float *guide = (float *)t->guide, *col = (float *)t->col;
 
 	for (int c = 0; c < 3; c++) {
-		load(r, t, guide + c * PITCH, 6 * PITCH, t->window + t->patch, in->guide[c], r->guide_scale,
-		     -GUIDE_LIMIT, GUIDE_LIMIT);
-		load(r, t, guide + (c + 3) * PITCH, 6 * PITCH, t->window + t->patch, in->guide_var[c],
-		     r->guide_scale * r->guide_scale, 0.0f, GUIDE_LIMIT * GUIDE_LIMIT);
+		load(r, t, guide + c * PITCH, 6 * PITCH, t->window + t->patch, in->guide[c],
+		     r->guide_scale, -GUIDE_LIMIT, GUIDE_LIMIT);
+		load(r, t, guide + (c + 3) * PITCH, 6 * PITCH, t->window + t->patch,
+		     in->guide_var[c], r->guide_scale * r->guide_scale, 0.0f,
+		     GUIDE_LIMIT * GUIDE_LIMIT);
 	}
 	for (int y = -t->window; y < t->h + t->window; y++)
 		for (int x = -GD_NLR_PAD; x < PITCH - GD_NLR_PAD; x++)
 			col[y * step + x] = 1.0f;
 	for (int j = 0; j < in->nfeat; j++)
-		load(r, t, col + (j + 1) * PITCH, step, t->window, in->feat[j], 1.0f, -FEATURE_LIMIT,
-		     FEATURE_LIMIT);
+		load(r, t, col + (j + 1) * PITCH, step, t->window, in->feat[j], 1.0f,
+		     -FEATURE_LIMIT, FEATURE_LIMIT);
 	for (int c = 0; c < 3; c++)
-		load(r, t, col + (t->terms + c) * PITCH, step, t->window, in->y[c], r->y_scale[c], -FLT_MAX,
-		     FLT_MAX);
+		load(r, t, col + (t->terms + c) * PITCH, step, t->window, in->y[c], r->y_scale[c],
+		     -FLT_MAX, FLT_MAX);
 	if (in->weight.v)
-		load(r, t, col + (t->terms + 3) * PITCH, step, t->window, in->weight, r->fit_scale, 0.0f,
-		     FIT_LIMIT);
+		load(r, t, col + (t->terms + 3) * PITCH, step, t->window, in->weight, r->fit_scale,
+		     0.0f, FIT_LIMIT);
 }
 
 /* Columns of the patch around x that lie in the image together with their partners, as a factor. */
@@ -278,7 +281,7 @@ static void add_row(const struct run *r, float *sum, int index, int y, int i, in
 	const int row = image_y - (j * GD_NLR_TILE_ROWS - reach);
 	const int rows = (r->h - j * GD_NLR_TILE_ROWS < GD_NLR_TILE_ROWS ?
 			  r->h - j * GD_NLR_TILE_ROWS : GD_NLR_TILE_ROWS) + 2 * reach;
-	const int from = (here - i) * r->tile_w + reach;	/* of the tile's first pixel in (i, j) */
+	const int from = (here - i) * r->tile_w + reach; /* of the tile's first pixel in (i, j) */
 	const int last = r->w - i * r->tile_w < r->tile_w ? r->w - i * r->tile_w : r->tile_w;
 	const int end = last + 2 * reach - from;
 	const int x0 = from < 0 ? -from : 0, x1 = end < r->tile_w ? end : r->tile_w;
@@ -307,9 +310,10 @@ static void finish_tile(const struct run *r, const struct gd_plane out[3], int i
 			for (int i = i0 > 0 ? i0 - 1 : 0; i <= i0 + 1 && i < r->across; i++)
 				add_row(r, sum, index, y, i, j);
 		for (int c = 0; c < 3; c++)
-			r->kernel->finish(gd_row(out[c], y - t.top) - t.left, sum + c * GD_NLR_TILE_W,
-					  sum + 3 * GD_NLR_TILE_W, gd_row(r->in->y[c], y - t.top) - t.left,
-					  t.w, 1.0f / r->y_scale[c]);
+			r->kernel->finish(gd_row(out[c], y - t.top) - t.left,
+					  sum + c * GD_NLR_TILE_W, sum + 3 * GD_NLR_TILE_W,
+					  gd_row(r->in->y[c], y - t.top) - t.left, t.w,
+					  1.0f / r->y_scale[c]);
 	}
 }
 
@@ -336,7 +340,8 @@ static int regress(struct run *r, const struct gd_plane out[3], const struct gd_
 #pragma omp parallel num_threads(threads)
 		{
 			size_t unused;
-			struct gd_nlr_tile t = lay_out(r, work + size * (size_t)omp_get_thread_num(), &unused);
+			struct gd_nlr_tile t =
+				lay_out(r, work + size * (size_t)omp_get_thread_num(), &unused);
 
 #pragma omp for schedule(dynamic)
 			for (int i = first; i < end; i++)
@@ -353,27 +358,30 @@ done:
 	return rc;
 }
 
-static int check_planes(const char *what, const struct gd_plane *p, int n, int w, int h, bool may_lack,
-			struct gd_err *err)
+static int check_planes(const char *what, const struct gd_plane *p, int n, int w, int h,
+			bool may_lack, struct gd_err *err)
 {
 	for (int c = 0; c < n; c++) {
 		if (!p[c].v && may_lack)
 			continue;
 		if (!p[c].v || p[c].w != w || p[c].h != h)
-			return gd_fail(err, GD_ESHAPE, "regression: %s plane %d is %dx%d, expected %dx%d",
-				       what, c, p[c].w, p[c].h, w, h);
+			return gd_fail(err, GD_ESHAPE,
+				       "regression: %s plane %d is %dx%d, expected %dx%d", what, c,
+				       p[c].w, p[c].h, w, h);
 	}
 	return GD_OK;
 }
 
-static int check(const struct gd_plane out[3], const struct gd_nlr_in *in, const struct gd_nlr_conf *conf,
-		 struct gd_err *err)
+static int check(const struct gd_plane out[3], const struct gd_nlr_in *in,
+		 const struct gd_nlr_conf *conf, struct gd_err *err)
 {
 	const int w = in->y[0].w, h = in->y[0].h;
 	int rc;
 
-	if (conf->window < 0 || conf->window > GD_NLR_WINDOW || conf->patch < 0 || conf->patch > GD_NLR_PATCH)
-		return gd_fail(err, GD_EARG, "regression: window radius %d (0 to %d), patch radius %d (0 to %d)",
+	if (conf->window < 0 || conf->window > GD_NLR_WINDOW || conf->patch < 0 ||
+	    conf->patch > GD_NLR_PATCH)
+		return gd_fail(err, GD_EARG,
+			       "regression: window radius %d (0 to %d), patch radius %d (0 to %d)",
 			       conf->window, GD_NLR_WINDOW, conf->patch, GD_NLR_PATCH);
 	if (!(conf->k >= 0.01 && conf->k <= 100.0) || !(conf->eps >= 1e-10 && conf->eps <= 1.0) ||
 	    !(conf->ridge >= 1e-6 && conf->ridge <= 1.0))
@@ -398,10 +406,12 @@ static int check(const struct gd_plane out[3], const struct gd_nlr_in *in, const
 	return rc;
 }
 
-int gd_nlr_run(const struct gd_plane out[3], const struct gd_nlr_in *in, const struct gd_nlr_conf *conf,
-	       const struct gd_report *report, struct gd_err *err)
+int gd_nlr_run(const struct gd_plane out[3], const struct gd_nlr_in *in,
+	       const struct gd_nlr_conf *conf, const struct gd_report *report, struct gd_err *err)
 {
-	struct run r = { .in = in, .conf = conf, .kernel = GD_PICK(gd_nlr_kernel), .fit_scale = 1.0f };
+	struct run r = {
+		.in = in, .conf = conf, .kernel = GD_PICK(gd_nlr_kernel), .fit_scale = 1.0f
+	};
 	int rc = check(out, in, conf, err);
 
 	if (rc != GD_OK)
@@ -412,7 +422,8 @@ int gd_nlr_run(const struct gd_plane out[3], const struct gd_nlr_in *in, const s
 	r.tile_w = ((r.w + r.across - 1) / r.across + 15) / 16 * 16;
 	r.across = (r.w + r.tile_w - 1) / r.tile_w;
 	r.down = (r.h + GD_NLR_TILE_ROWS - 1) / GD_NLR_TILE_ROWS;
-	r.tile_size = 4 * (size_t)(r.tile_w + 2 * conf->window) * (size_t)(GD_NLR_TILE_ROWS + 2 * conf->window);
+	r.tile_size = 4 * (size_t)(r.tile_w + 2 * conf->window) *
+		      (size_t)(GD_NLR_TILE_ROWS + 2 * conf->window);
 	scale_values(&r);
 	rc = scale_guide(&r, err);
 	if (rc == GD_OK)

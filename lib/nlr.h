@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * First-order regression with nonlinear weights, collaborative (Bitterli, Rousselle, Moon and others
- * 2016, section 4; Rousselle, Knaus, Zwicker 2012 for the distances). Around each pixel c, the centre:
- *	d_c(i) = mean over patch offsets o and guide planes of
- *		min(1e4, ((g_p - g_q)^2 - v_p - min(v_p, v_q)) / (e + k^2 (v_p + v_q))),  p = c+o, q = i+o
+ * First-order regression with nonlinear weights, collaborative (Bitterli, Rousselle, Moon and
+ * others 2016, section 4; Rousselle, Knaus, Zwicker 2012 for the distances). Around each pixel c,
+ * the centre:
+ *	d_c(i) = mean over patch offsets o and guide planes, with p = c + o and q = i + o, of
+ *		min(1e4, ((g_p - g_q)^2 - v_p - min(v_p, v_q)) / (e + k^2 (v_p + v_q)))
  *	w_c(i) = exp(-max(0, d_c(i))) for i in the window, 0 where that is below 1e-4
  *	b_c    = argmin_b  sum_i w_c(i) m_i |y_i - b' z_i|^2 + sum_{j>0} (ridge sum_i w_c(i) m_i
  *		 + 1e-4 sum_i w_c(i) m_i z_ij^2) b_j^2,   z_i = [1 | f(i) - f(c)]
@@ -26,8 +27,8 @@ struct gd_nlr_conf {
 	int patch;	/* radius of the patches in pixels, 0 .. GD_NLR_PATCH; 2: 5x5 */
 	double k;	/* distance that counts as 1, in standard deviations, 0.01 .. 100 */
 	double eps;	/* variance that is always there, relative to the guide's, 1e-10 .. 1 */
-	double ridge;	/* pull of the slopes towards 0, 1e-6 .. 1: a feature whose mean square about
-			 * the centre is this much has its slope halved */
+	double ridge;	/* pull of the slopes towards 0, 1e-6 .. 1: where the mean square of a
+			 * feature about the centre is this much, its slope is halved */
 };
 
 #define GD_NLR_DEFAULTS ((struct gd_nlr_conf){ \
@@ -46,13 +47,13 @@ struct gd_nlr_in {
 /*
  * out: the three fitted planes; they may be those of y. Only finite values come out. What comes in
  * and is not finite counts as 0, but for variances and weights that are infinite (very large) or
- * negative (0). A centre whose fit weights are all 0 predicts nothing; a pixel that nobody predicts keeps
- * its y. Scaling y scales the result; scaling the guide by s and its variances by s^2 does not change it.
- * The bytes that come out do not depend on the number of threads.
- * Takes about 24 bytes a pixel and 1.5 MiB a thread while it runs.
+ * negative (0). A centre whose fit weights are all 0 predicts nothing; a pixel that nobody predicts
+ * keeps its y. Scaling y scales the result; scaling the guide by s and its variances by s^2
+ * does not change it. The bytes that come out do not depend on the number of threads.
+ * With the default radii it takes about 23 bytes a pixel and 1 MiB a thread while it runs.
  * report may be NULL. Returns GD_OK, GD_EARG, GD_ESHAPE or GD_ENOMEM.
  */
-int gd_nlr_run(const struct gd_plane out[3], const struct gd_nlr_in *in, const struct gd_nlr_conf *conf,
-	       const struct gd_report *report, struct gd_err *err);
+int gd_nlr_run(const struct gd_plane out[3], const struct gd_nlr_in *in,
+	       const struct gd_nlr_conf *conf, const struct gd_report *report, struct gd_err *err);
 
 #endif

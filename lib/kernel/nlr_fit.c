@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Moments and solution of the regressions of one row of centres, a vector of neighbouring centres at
- * a time. The sums over the window are taken in blocks of a few rows and columns of the matrix of
- * moments [z | y]' W [z | y] that fit into registers; columns are read again for each block.
+ * Moments and solution of the regressions of one row of centres, a vector of neighbouring centres
+ * at a time. The sums over the window are taken in blocks of a few rows and columns of the matrix
+ * of moments [z | y]' W [z | y] that fit into registers; columns are read again for each block.
  */
 #include "kernel/nlr_tile.h"
 
@@ -99,9 +99,9 @@ GD_NLR_INLINE vec larger(vec x, vec y)
 }
 
 /*
- * From the moments to the coefficients, in place. The constant is eliminated first (weighted means),
- * which leaves the covariances of the features; ridge and the share of the mean square go to their
- * diagonal, and keep it away from 0 far beyond the rounding of the sums. Then L D L'.
+ * From the moments to the coefficients, in place. The constant is eliminated first (weighted
+ * means), which leaves the covariances of the features; ridge and the share of the mean square go
+ * to their diagonal, and keep it away from 0 far beyond the rounding of the sums. Then L D L'.
  */
 static void solve(struct group *g, int terms, float ridge)
 {

@@ -40,8 +40,8 @@ GD_NLR_INLINE void gather(float *sum, float *total, const float *z, const float 
 		gd_nlr_store(total, gd_nlr_load(total) + all);
 }
 
-GD_NLR_INLINE void gather_n(float *sum, float *total, const float *z, const float *w, const float *b,
-			    int side, int n)
+GD_NLR_INLINE void gather_n(float *sum, float *total, const float *z, const float *w,
+			    const float *b, int side, int n)
 {
 	switch (n) {
 	case 1: gather(sum, total, z, w, b, side, 1); break;
@@ -71,17 +71,19 @@ static void predict(const struct gd_nlr_tile *t, int y, int dy)
 
 	for (int c = 0; c < 3; c++)
 		for (int part = 0, k = 0, n; part < parts; part++, k += n) {
-			const float *b = t->slope + (size_t)(c * t->terms + k) * GD_NLR_WPITCH + t->window;
+			const float *b =
+				t->slope + (size_t)(c * t->terms + k) * GD_NLR_WPITCH + t->window;
 			bool first = c == 0 && part == 0;
 
 			n = (t->terms - k + parts - part - 1) / (parts - part);
 			if (first)
 				for (int x = -reach; x < t->w + t->window; x += GD_NLR_LANES)
-					gather_n(sum + x, sum + 3 * PITCH + x, col + x, w + x, b + x, side, n);
+					gather_n(sum + x, sum + 3 * PITCH + x, col + x, w + x,
+						 b + x, side, n);
 			else
 				for (int x = -reach; x < t->w + t->window; x += GD_NLR_LANES)
-					gather_n(sum + c * PITCH + x, NULL, col + k * PITCH + x, w + x, b + x,
-						 side, n);
+					gather_n(sum + c * PITCH + x, NULL, col + k * PITCH + x,
+						 w + x, b + x, side, n);
 		}
 }
 
@@ -96,9 +98,11 @@ static void tile(const struct gd_nlr_tile *t)
 {
 	const int side = 2 * t->window + 1;
 
-	memset(t->weight - GD_NLR_WPAD, 0, (size_t)(side * side) * GD_NLR_WPITCH * sizeof *t->weight);
+	memset(t->weight - GD_NLR_WPAD, 0,
+	       (size_t)(side * side) * GD_NLR_WPITCH * sizeof *t->weight);
 	for (int y = -t->window; y < t->h + t->window; y++)
-		memset(t->sum + y * (ptrdiff_t)(4 * PITCH) - GD_NLR_PAD, 0, 4 * PITCH * sizeof *t->sum);
+		memset(t->sum + y * (ptrdiff_t)(4 * PITCH) - GD_NLR_PAD, 0,
+		       4 * PITCH * sizeof *t->sum);
 	for (int y = -t->patch; y < t->h + t->patch; y++) {
 		gd_nlr_weights(t, y);
 		if (y < t->patch)
@@ -121,7 +125,8 @@ static void load(float *to, const float *from, int n, float scale, float lo, flo
 	}
 }
 
-static void finish(float *out, const float *sum, const float *total, const float *y, int n, float scale)
+static void finish(float *out, const float *sum, const float *total, const float *y, int n,
+		   float scale)
 {
 	for (int i = 0; i < n; i++) {
 		float x = sum[i] / (total[i] > 0.0f ? total[i] : 1.0f) * scale * scale;

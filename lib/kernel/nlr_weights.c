@@ -23,11 +23,11 @@ GD_NLR_INLINE float above(float u, float v, float uq, float vq, float below, flo
 }
 
 /*
- * d = sum over the three planes of their shares, over a common denominator: divisions are what takes
- * long. The limits of guide and noise keep the product of three in the range of floats.
+ * d = sum over the three planes of their shares, over a common denominator: divisions are what
+ * takes long. The limits of guide and noise keep the product of three in the range of floats.
  */
-GD_NLR_INLINE void distances(float *restrict d, const float *restrict p, const float *restrict q, int n,
-			     float noise, float far)
+GD_NLR_INLINE void distances(float *restrict d, const float *restrict p, const float *restrict q,
+			     int n, float noise, float far)
 {
 #pragma omp simd
 	for (int x = 0; x < n; x++) {
@@ -44,8 +44,8 @@ GD_NLR_INLINE void distances(float *restrict d, const float *restrict p, const f
 }
 
 /* The sums along a row that come in with guide row y. */
-GD_NLR_INLINE void next_sums(const struct gd_nlr_tile *t, float *restrict sums, int y, int dx, int dy,
-			     const int f)
+GD_NLR_INLINE void next_sums(const struct gd_nlr_tile *t, float *restrict sums, int y, int dx,
+			     int dy, const int f)
 {
 	const ptrdiff_t row = 6 * PITCH;
 	const int n = (t->w + 2 * f + 15) & ~15;
@@ -57,7 +57,8 @@ GD_NLR_INLINE void next_sums(const struct gd_nlr_tile *t, float *restrict sums, 
 		memset(sums, 0, GD_NLR_TILE_W * sizeof *sums);
 		return;
 	}
-	distances(d - f, t->guide + y * row - f, t->guide + (y + dy) * row + dx - f, n, t->noise, t->far);
+	distances(d - f, t->guide + y * row - f, t->guide + (y + dy) * row + dx - f, n, t->noise,
+		  t->far);
 	for (int x = -f; x < lo && x < t->w + f; x++)
 		d[x] = 0.0f;
 	for (int x = hi > -f ? hi : -f; x < t->w + f; x++)
@@ -137,7 +138,9 @@ GD_NLR_INLINE void shift(const struct gd_nlr_tile *t, int y, int dx, int dy, con
 		clear_ends(t, w, n, dx);
 	}
 	if (t->fit != t->weight)
-		times_fit(t, s, t->col + ((centre + dy) * (ptrdiff_t)t->ncol + t->ncol - 1) * PITCH + dx, n);
+		times_fit(t, s,
+			  t->col + ((centre + dy) * (ptrdiff_t)t->ncol + t->ncol - 1) * PITCH + dx,
+			  n);
 }
 
 void gd_nlr_weights(const struct gd_nlr_tile *t, int y)

@@ -68,8 +68,9 @@ int main(int argc, char **argv)
 		best = clock < best ? clock : best;
 		least = cpu < least ? cpu : least;
 	}
-	printf("%dx%d, %d features, %d threads, %s: %.3f s, %.3f s of processor time (%.2f us a pixel)\n", w, h,
-	       nf, omp_get_max_threads(), gd_isa_name(), best, least, 1e6 * least / w / h);
+	printf("%dx%d, %d features, %d threads, %s: %.3f s, %.3f s of processor time (%.2f us a "
+	       "pixel)\n",
+	       w, h, nf, omp_get_max_threads(), gd_isa_name(), best, least, 1e6 * least / w / h);
 	free(v);
 	return 0;
 }

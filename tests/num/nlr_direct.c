@@ -75,7 +75,7 @@ static void drop(struct problem *p)
 	free(p->want);
 }
 
-/* Edges that the features know in part, textures, noise whose variance changes and is 0 in places. */
+/* Edges that the features know in part, textures, noise of changing variance that is 0 in places. */
 static void fill(struct problem *p, double scale)
 {
 	for (int y = 0; y < p->h; y++)
@@ -84,13 +84,16 @@ static void fill(struct problem *p, double scale)
 			double sd = x % 17 == 3 ? 0.0 : 0.1 + 0.2 * (y % 11) / 11.0;
 
 			for (int j = 0; j < p->in.nfeat; j++)
-				gd_row(p->in.feat[j], y)[x] = (float)(j % 3 == 0 ? 0.4 * edge + 0.02 * normal() :
-					j % 3 == 1 ? 0.5 * wave + 0.01 * (x - y) * j : uniform());
+				gd_row(p->in.feat[j], y)[x] =
+					(float)(j % 3 == 0 ? 0.4 * edge + 0.02 * normal() :
+						j % 3 == 1 ? 0.5 * wave + 0.01 * (x - y) * j :
+							     uniform());
 			for (int c = 0; c < 3; c++) {
 				double truth = edge + 0.4 * (c + 1) * wave + 0.3 * c;
 
 				gd_row(p->in.y[c], y)[x] = (float)(scale * (truth + sd * normal()));
-				gd_row(p->in.guide[c], y)[x] = (float)(scale * (truth + sd * normal()));
+				gd_row(p->in.guide[c], y)[x] =
+					(float)(scale * (truth + sd * normal()));
 				gd_row(p->in.guide_var[c], y)[x] = (float)(scale * scale * sd * sd);
 			}
 			if (p->in.weight.v)
@@ -127,11 +130,13 @@ static double weight(const struct problem *p, int cx, int cy, int dx, int dy)
 			    x + dx >= p->w || y + dy >= p->h)
 				continue;
 			for (int c = 0; c < 3; c++) {
-				double d = at(p->in.guide[c], x, y) - at(p->in.guide[c], x + dx, y + dy);
+				double d = at(p->in.guide[c], x, y) -
+					   at(p->in.guide[c], x + dx, y + dy);
 				double v = at(p->in.guide_var[c], x, y);
 				double vq = at(p->in.guide_var[c], x + dx, y + dy);
 
-				sum += fmin(1e4, (d * d - v - fmin(v, vq)) / (p->eps + k2 * (v + vq)));
+				sum += fmin(1e4,
+					    (d * d - v - fmin(v, vq)) / (p->eps + k2 * (v + vq)));
 				n++;
 			}
 		}
@@ -218,15 +223,16 @@ static void compare(struct problem *p, double scale)
 			double want = s[3] > 0.0 ? s[c] / s[3] : at(p->in.y[c], i % p->w, i / p->w);
 			double got = at(p->out[c], i % p->w, i / p->w);
 
-			/* Floats in the moments, a ridge of 1e-3: 1e-4; and weights that are 0 in one
-			 * and 1e-4 in the other. */
+			/* Floats in the moments, a ridge of 1e-3: 1e-4; and weights that are 0 in
+			 * one and 1e-4 in the other. */
 			if (!(fabs(got - want) <= 5e-4 * scale))
-				fail_msg("plane %d pixel %d,%d: %.9g, expected %.9g", c, i % p->w, i / p->w, got,
-					 want);
+				fail_msg("plane %d pixel %d,%d: %.9g, expected %.9g", c, i % p->w,
+					 i / p->w, got, want);
 		}
 }
 
-static void run_case(int w, int h, int nfeat, int window, int patch, int with_weight, int guide, double scale)
+static void run_case(int w, int h, int nfeat, int window, int patch, int with_weight, int guide,
+		     double scale)
 {
 	struct problem p;
 
@@ -270,7 +276,8 @@ static void test_windows(void **unused)
 
 static void test_small_images(void **unused)
 {
-	static const int size[][2] = { { 1, 1 }, { 1, 9 }, { 40, 1 }, { 2, 2 }, { 3, 40 }, { 17, 4 }, { 5, 33 } };
+	static const int size[][2] = { { 1, 1 },  { 1, 9 },  { 40, 1 }, { 2, 2 },
+				       { 3, 40 }, { 17, 4 }, { 5, 33 } };
 
 	(void)unused;
 	for (size_t i = 0; i < sizeof size / sizeof *size; i++)

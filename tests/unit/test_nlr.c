@@ -45,7 +45,8 @@ static void frame_new(struct frame *f, int w, int h, int nfeat)
 /* Repeatable noise in -1 .. 1 that depends on the coordinates alone. */
 static double noise(int x, int y, int c)
 {
-	uint32_t s = (uint32_t)x * 374761393u + (uint32_t)y * 668265263u + (uint32_t)c * 2246822519u;
+	uint32_t s =
+		(uint32_t)x * 374761393u + (uint32_t)y * 668265263u + (uint32_t)c * 2246822519u;
 
 	s = (s ^ (s >> 13)) * 1274126177u;
 	s = (s ^ (s >> 16)) * 2654435761u;
@@ -65,12 +66,15 @@ static void fill(struct frame *f, double scale)
 
 			for (int c = 0; c < 3; c++) {
 				gd_row(f->plane[c], y)[x] =
-					(float)(scale * (truth(x, y, c) + 1.7 * sd * noise(x, y, c)));
+					(float)(scale *
+						(truth(x, y, c) + 1.7 * sd * noise(x, y, c)));
 				gd_row(f->plane[3 + c], y)[x] = (float)(scale * scale * sd * sd);
 			}
 			for (int j = 0; j < f->in.nfeat; j++)
-				gd_row(f->plane[13 + j], y)[x] = (float)(j % 2 ? 0.3 * truth(x, y, j) :
-					0.02 * x + 0.01 * y * j) + 0.02f * (float)noise(x, y, 9 + j);
+				gd_row(f->plane[13 + j], y)[x] =
+					(float)(j % 2 ? 0.3 * truth(x, y, j) :
+							0.02 * x + 0.01 * y * j) +
+					0.02f * (float)noise(x, y, 9 + j);
 		}
 }
 
@@ -88,7 +92,8 @@ static void assert_finite(const struct frame *f)
 		for (int y = 0; y < f->h; y++)
 			for (int x = 0; x < f->w; x++)
 				if (!isfinite(gd_row(f->out[c], y)[x]))
-					fail_msg("plane %d pixel %d,%d: %g", c, x, y, gd_row(f->out[c], y)[x]);
+					fail_msg("plane %d pixel %d,%d: %g", c, x, y,
+						 gd_row(f->out[c], y)[x]);
 }
 
 static void close_to(double got, double want, double tolerance, int c, int x, int y)
@@ -110,7 +115,8 @@ static void test_constant(void **unused)
 		regress(&f);
 		for (int c = 0; c < 3; c++)
 			for (int i = 0; i < f.w * f.h; i++)
-				close_to(gd_row(f.out[c], i / f.w)[i % f.w], 0.7, 1e-6, c, i % f.w, i / f.w);
+				close_to(gd_row(f.out[c], i / f.w)[i % f.w], 0.7, 1e-6, c, i % f.w,
+					 i / f.w);
 		free(f.block);
 	}
 }
@@ -128,7 +134,8 @@ static void test_linear(void **unused)
 	for (int y = 0; y < f.h; y++)
 		for (int x = 0; x < f.w; x++) {
 			for (int j = 0; j < 4; j++)
-				gd_row(f.plane[13 + j], y)[x] = (float)(0.5 * noise(x, y, j) + 0.3 * j);
+				gd_row(f.plane[13 + j], y)[x] =
+					(float)(0.5 * noise(x, y, j) + 0.3 * j);
 			gd_row(f.plane[17], y)[x] = gd_row(f.plane[14], y)[x];
 			for (int c = 0; c < 3; c++) {
 				double v = 3.0 + c;
@@ -141,8 +148,8 @@ static void test_linear(void **unused)
 	regress(&f);
 	for (int c = 0; c < 3; c++)
 		for (int i = 0; i < f.w * f.h; i++)
-			close_to(gd_row(f.out[c], i / f.w)[i % f.w], gd_row(f.plane[c], i / f.w)[i % f.w], 2e-3,
-				 c, i % f.w, i / f.w);
+			close_to(gd_row(f.out[c], i / f.w)[i % f.w],
+				 gd_row(f.plane[c], i / f.w)[i % f.w], 2e-3, c, i % f.w, i / f.w);
 	free(f.block);
 }
 
@@ -166,7 +173,8 @@ static void test_denoises(void **unused)
 	for (int c = 0; c < 3; c++)
 		for (int y = 0; y < f.h; y++)
 			for (int x = 0; x < f.w; x++) {
-				before += pow(gd_row(f.plane[c], y)[x] - truth(x / 4, y / 6, c), 2.0);
+				before +=
+					pow(gd_row(f.plane[c], y)[x] - truth(x / 4, y / 6, c), 2.0);
 				after += pow(gd_row(f.out[c], y)[x] - truth(x / 4, y / 6, c), 2.0);
 			}
 	assert_true(after < 0.1 * before);
@@ -182,8 +190,10 @@ static void turned(struct frame *to, const struct frame *from, enum turn turn)
 	for (int i = 0; i < PLANES; i++)
 		for (int y = 0; y < from->h; y++)
 			for (int x = 0; x < from->w; x++) {
-				int u = turn == FLIP_X ? from->w - 1 - x : turn == TRANSPOSE ? y : x;
-				int v = turn == FLIP_Y ? from->h - 1 - y : turn == TRANSPOSE ? x : y;
+				int u = turn == TRANSPOSE ? y : x, v = turn == TRANSPOSE ? x : y;
+
+				u = turn == FLIP_X ? from->w - 1 - x : u;
+				v = turn == FLIP_Y ? from->h - 1 - y : v;
 
 				gd_row(to->plane[i], v)[u] = gd_row(from->plane[i], y)[x];
 			}
@@ -204,7 +214,8 @@ static void test_turns(void **unused)
 		for (int c = 0; c < 3; c++)
 			for (int i = 0; i < f.w * f.h; i++)
 				close_to(gd_row(back.plane[6 + c], i / f.w)[i % f.w],
-					 gd_row(f.out[c], i / f.w)[i % f.w], 1e-4, c, i % f.w, i / f.w);
+					 gd_row(f.out[c], i / f.w)[i % f.w], 1e-4, c, i % f.w,
+					 i / f.w);
 		free(g.block);
 		free(back.block);
 	}
@@ -258,14 +269,16 @@ static void test_units(void **unused)
 			gd_row(f.plane[12], y)[x] = m;
 			gd_row(g.plane[12], y)[x] = m * 1e-20f;
 			for (int c = 0; c < 3; c++)
-				gd_row(g.plane[9 + c], y)[x] = 1e5f * (gd_row(f.plane[c], y)[x] + 2.0f);
+				gd_row(g.plane[9 + c], y)[x] =
+					1e5f * (gd_row(f.plane[c], y)[x] + 2.0f);
 		}
 	regress(&f);
 	regress(&g);
 	for (int c = 0; c < 3; c++)
 		for (int i = 0; i < f.w * f.h; i++)
-			close_to(gd_row(g.out[c], i / f.w)[i % f.w], 1e5 * (gd_row(f.out[c], i / f.w)[i % f.w] + 2.0),
-				 1e-4 * 1e5, c, i % f.w, i / f.w);
+			close_to(gd_row(g.out[c], i / f.w)[i % f.w],
+				 1e5 * (gd_row(f.out[c], i / f.w)[i % f.w] + 2.0), 1e-4 * 1e5, c,
+				 i % f.w, i / f.w);
 	free(f.block);
 	free(g.block);
 }
@@ -290,7 +303,8 @@ static void test_permuted(void **unused)
 	for (int c = 0; c < 3; c++)
 		for (int i = 0; i < f.w * f.h; i++)
 			close_to(gd_row(g.out[c], i / f.w)[i % f.w],
-				 gd_row(f.out[(c + 1) % 3], i / f.w)[i % f.w], 1e-4, c, i % f.w, i / f.w);
+				 gd_row(f.out[(c + 1) % 3], i / f.w)[i % f.w], 1e-4, c, i % f.w,
+				 i / f.w);
 	free(f.block);
 	free(g.block);
 }
@@ -324,7 +338,8 @@ static void test_threads(void **unused)
 /* Every plane in turn gets every sort of extreme value; far away nothing changes. */
 static void test_extremes(void **unused)
 {
-	static const float bad[] = { 1e30f, -1e30f, FLT_MAX, -FLT_MAX, NAN, INFINITY, -INFINITY, 1e-42f };
+	static const float bad[] = { 1e30f, -1e30f,   FLT_MAX,	 -FLT_MAX,
+				     NAN,   INFINITY, -INFINITY, 1e-42f };
 	struct frame f;
 
 	(void)unused;
@@ -343,7 +358,8 @@ static void test_extremes(void **unused)
 			regress(&f);
 			assert_finite(&f);
 			for (int c = 0; c < 3; c++)
-				close_to(gd_row(f.out[c], 27)[40], truth(40, 27, c), 0.3, c, 40, 27);
+				close_to(gd_row(f.out[c], 27)[40], truth(40, 27, c), 0.3, c, 40,
+					 27);
 			free(f.block);
 		}
 	}
@@ -358,7 +374,9 @@ static void fill_all(struct frame *f, int first, int n, float v)
 /* Whole planes of one value, of extreme ones too. */
 static void test_flat_extremes(void **unused)
 {
-	static const float value[] = { 0.0f, 1e-42f, 1e-30f, 1e30f, FLT_MAX, -FLT_MAX, NAN, INFINITY };
+	static const float value[] = {
+		0.0f, 1e-42f, 1e-30f, 1e30f, FLT_MAX, -FLT_MAX, NAN, INFINITY
+	};
 	struct frame f;
 
 	(void)unused;
@@ -387,7 +405,8 @@ static void test_no_fit(void **unused)
 	f.in.weight = f.plane[12];
 	regress(&f);
 	for (int y = 0; y < f.h; y++)
-		assert_memory_equal(gd_row(f.out[0], y), gd_row(f.in.y[0], y), (size_t)f.w * sizeof(float));
+		assert_memory_equal(gd_row(f.out[0], y), gd_row(f.in.y[0], y),
+				    (size_t)f.w * sizeof(float));
 	free(f.block);
 }
 
@@ -407,15 +426,15 @@ static void test_no_variance(void **unused)
 	regress(&f);
 	for (int c = 0; c < 3; c++)
 		for (int i = 0; i < f.w * f.h; i++)
-			close_to(gd_row(f.out[c], i / f.w)[i % f.w], truth(i % f.w, i / f.w, c), 1e-5, c, i % f.w,
-				 i / f.w);
+			close_to(gd_row(f.out[c], i / f.w)[i % f.w], truth(i % f.w, i / f.w, c),
+				 1e-5, c, i % f.w, i / f.w);
 	free(f.block);
 }
 
 static void test_sizes(void **unused)
 {
-	static const int size[][2] = { { 1, 1 }, { 1, 200 }, { 200, 1 }, { 2, 3 }, { 129, 33 }, { 17, 65 },
-				       { 257, 7 } };
+	static const int size[][2] = { { 1, 1 },    { 1, 200 }, { 200, 1 }, { 2, 3 },
+				       { 129, 33 }, { 17, 65 }, { 257, 7 } };
 	struct frame f;
 
 	(void)unused;
