@@ -20,8 +20,8 @@
 
 #define PITCH	GD_NLR_PITCH
 #define BATCH	64		/* tiles between two progress reports */
-#define GUIDE_LIMIT	5e5f	/* guides are cut here, in their standard deviations, so that squared
-				 * differences, three of them multiplied, are no infinity */
+#define GUIDE_LIMIT	5e5f	/* guides are cut here, in their standard deviations, so that
+				 * three squared differences multiplied are no infinity */
 #define VALUE_LIMIT	64	/* exponent of the largest y after scaling: slopes stay in range */
 #define FIT_LIMIT	1e9f	/* fit weights are cut here, in units of their median */
 #define FEATURE_LIMIT	1e3f

@@ -75,7 +75,7 @@ static void drop(struct problem *p)
 	free(p->want);
 }
 
-/* Edges that the features know in part, textures, noise of changing variance that is 0 in places. */
+/* Edges that the features know in part, textures, noise of changing variance, 0 in places. */
 static void fill(struct problem *p, double scale)
 {
 	for (int y = 0; y < p->h; y++)
