@@ -1,0 +1,130 @@
+#!/usr/bin/env bats
+# SPDX-License-Identifier: BSD-3-Clause
+
+setup() {
+	bats_require_minimum_version 1.5.0
+	top=$BATS_TEST_DIRNAME/../..
+	bin=$(realpath "${GD_BIN:-$top/bin}")
+	data=$(realpath "${GD_TESTDATA:-$top/testdata}")
+	support=$(realpath "$top/tests/support")
+	val=$support/exrval.pl
+	cd "$BATS_TEST_TMPDIR"
+}
+
+# A ramp and an edge with exact gradients, a noisy colour, and variances; further channels are added.
+input() {
+	local out=$1 f='$x/8+($y>3?1:0)' args=() c
+	shift
+	for c in R G B; do
+		args+=("$c=$f+0.1*noise()" "dx.$c=\$x==\$w-1?0:1/8" "dy.$c=\$y==3?1:0")
+		args+=("dx.variance.$c=1e-4" "dy.variance.$c=1e-4" "truth.$c=$f")
+	done
+	"$support/mkexr.pl" "$out" 16 8 "${args[@]}" "$@"
+}
+
+solve() { "$bin/gdsolve" --compression none "$@"; }
+channels() { "$val" "$1" | sed 's/:.*//' | sort; }
+near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !(d <= t && -d <= t) }' || { echo "$1, expected $2"; return 1; }; }
+
+@test "every method finds the ramp and the edge" {
+	input in.exr
+	for m in ols wls l2 l1; do
+		solve -m "$m" in.exr out.exr
+		near "$("$val" out.exr R 12 5)" "$(awk -v a="$("$val" out.exr R 4 2)" 'BEGIN { print a + 2 }')" 0.05
+	done
+	for m in ols wls l2; do
+		solve -m "$m" in.exr out.exr
+		near "$("$val" out.exr G)" "$("$val" in.exr G)" 1e-4
+	done
+}
+
+@test "gradients and variances go, everything else passes" {
+	input in.exr 'variance.R=1' 'variance.G=1' 'variance.B=1' 'bin0.dx.R=0' 'Z=$x' 'half0.R=1'
+	solve in.exr out.exr
+	[ "$(channels out.exr | tr '\n' ' ')" = "B G R Z truth.B truth.G truth.R " ]
+	[ "$("$val" out.exr Z 7 3)" = 7 ]
+	solve --keep in.exr out.exr
+	diff <(channels in.exr) <(channels out.exr)
+	[ "$("$val" out.exr dx.R 7 3)" = 0.125 ]
+}
+
+@test "--layer writes beside the colour" {
+	input in.exr
+	solve -m wls -l feature in.exr out.exr
+	[ "$("$val" out.exr R 5 5)" = "$("$val" in.exr R 5 5)" ]
+	[ "$("$val" out.exr | grep -c '^feature\.')" = 3 ]
+	[ "$("$val" out.exr | grep -c '^dx\.')" = 6 ]
+}
+
+@test "alpha weighs the colour" {
+	input in.exr
+	solve -m l2 -a 1000 in.exr out.exr
+	near "$("$val" out.exr R 9 4)" "$("$val" in.exr R 9 4)" 1e-4
+}
+
+@test "--stats tells what was reached" {
+	input in.exr
+	solve -m ols --tolerance 1e-5 --stats s.json in.exr out.exr
+	grep -q '"residual"' s.json
+	grep -q '"iterations"' s.json
+	grep -q '"parts": *1' s.json
+}
+
+@test "too few iterations: a warning, the file, exit 1" {
+	local w=64
+	"$support/mkexr.pl" in.exr $w $w R='0' 'dx.R=noise()' 'dy.R=noise()' G=0 'dx.G=noise()' 'dy.G=noise()' B=0 'dx.B=noise()' 'dy.B=noise()'
+	run --separate-stderr "$bin/gdsolve" -m ols --iterations 1 --tolerance 1e-5 in.exr out.exr
+	[ "$status" -eq 1 ]
+	[[ "$stderr" == "gdsolve: warning: in.exr: relative residual "*" after 1 iterations, wanted 1e-05" ]]
+	[ -s out.exr ]
+}
+
+@test "missing channels are named" {
+	"$support/mkexr.pl" a.exr 4 4 R=1 G=1 B=1
+	run --separate-stderr "$bin/gdsolve" a.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: a.exr: no channel dx.R" ]
+	[ ! -e out.exr ]
+	"$support/mkexr.pl" b.exr 4 4 R=1 G=1 B=1 dx.R=0 dx.G=0 dx.B=0 dy.R=0 dy.G=0 dy.B=0
+	run --separate-stderr "$bin/gdsolve" -m wls b.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: b.exr: no channel dx.variance.R, which --method wls needs" ]
+	"$support/mkexr.pl" c.exr 4 4 dx.R=0 dx.G=0 dx.B=0 dy.R=0 dy.G=0 dy.B=0
+	run --separate-stderr "$bin/gdsolve" c.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: c.exr: no channel R, which --method l1 needs" ]
+	run --separate-stderr "$bin/gdsolve" -m ols c.exr out.exr
+	[ "$status" -eq 0 ] && [[ "$stderr" == *"the mean of the result is 0" ]]
+	run --separate-stderr "$bin/gdsolve" -m l3 b.exr out.exr
+	[ "$status" -eq 2 ] && [[ "$stderr" == *'--method "l3": expected ols, wls, l2 or l1' ]]
+}
+
+@test "a pixel that is no number does not spread" {
+	input in.exr
+	solve -m l1 in.exr sound.exr
+	"$support/mkexr.pl" bad.exr 16 8 'R=$x==3&&$y==3?"nan":$x/8' 'G=$x/8' 'B=$x/8' \
+		'dx.R=$x==3&&$y==3?"inf":1/8' 'dx.G=1/8' 'dx.B=1/8' dy.R=0 dy.G=0 dy.B=0
+	for m in ols l2 l1; do
+		solve -m "$m" bad.exr out.exr
+		near "$("$val" out.exr R 3 3)" 0.375 0.2
+		near "$("$val" out.exr G 12 6)" 1.5 0.2
+	done
+}
+
+@test "threads do not change a byte" {
+	[ -f "$data/kitchen/gpt16.exr" ] || skip "no kitchen"
+	export SOURCE_DATE_EPOCH=0
+	for m in wls l1; do
+		for j in 1 2 7; do
+			OMP_NUM_THREADS=$j "$bin/gdsolve" -m "$m" "$data/kitchen/gpt16.exr" - > "out$j.exr"
+		done
+		cmp out1.exr out2.exr
+		cmp out1.exr out7.exr
+	done
+}
+
+@test "on a real render l1 is better than l2, and l2 than the input" {
+	k=$data/kitchen
+	[ -f "$k/gpt16.exr" ] || skip "no kitchen"
+	"$bin/gdsolve" -m l2 "$k/gpt16.exr" l2.exr
+	"$bin/gdsolve" -m l1 "$k/gpt16.exr" l1.exr
+	"$bin/gdrelmse" --format tsv -r "$k/reference.exr" "$k/gpt16.exr" l2.exr l1.exr |
+		awk -F '\t' '/exr/ && $2 + 0 == $2 { e[++n] = $2 } END { exit !(n == 3 && e[2] < 0.7 * e[1] && e[3] < 0.95 * e[2]) }'
+}
