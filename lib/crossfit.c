@@ -133,7 +133,7 @@ static int pilot_variance(struct gd_plane var[3], struct gd_plane spare, const s
 
 static int make_pilots(struct work *w, struct gd_crossfit_in *in, const struct gd_report *report, struct gd_err *err)
 {
-	struct gd_nlr_conf conf = GD_NLR_DEFAULTS;
+	struct gd_nlr_conf conf = { .window = 7, .patch = 2, .k = 0.5, .eps = 1e-6, .ridge = 1e-3 };
 	struct gd_plane var[3] = { 0 };
 	double median[PILOT_FEATURES], range[PILOT_FEATURES];
 	int index[PILOT_FEATURES], rc, n = 0;
