@@ -22,12 +22,25 @@ struct model {
 	int radius, step, order;
 };
 
-static const struct model with_feature[] = {
-	{ true, false, 10, 5, 1 }, { true, true, 10, 5, 1 }, { true, true, 21, 8, 2 }, { true, false, 21, 8, 2 },
+/* A pilot of either half, and the models that lean on it. Unlike pilots err differently: the mean gains. */
+struct stage {
+	struct gd_nlr_conf pilot;
+	int n;
+	struct model model[4];
 };
-static const struct model without_feature[] = {
-	{ false, true, 7, 3, 0 }, { false, true, 10, 5, 1 }, { false, true, 21, 8, 2 },
+
+#define NARROW	{ .window = 3, .patch = 1, .k = 0.8, .eps = 1e-6, .ridge = 1e-3 }
+#define WIDE	{ .window = 7, .patch = 2, .k = 0.5, .eps = 1e-6, .ridge = 1e-3 }
+
+static const struct stage with_feature[] = {
+	{ NARROW, 2, { { true, false, 10, 5, 1 }, { true, true, 10, 5, 1 } } },
+	{ WIDE, 2, { { true, true, 21, 8, 2 }, { true, false, 21, 8, 2 } } },
 };
+static const struct stage without_feature[] = {
+	{ NARROW, 2, { { false, true, 10, 5, 1 }, { false, true, 21, 8, 2 } } },
+	{ WIDE, 2, { { false, true, 7, 3, 0 }, { false, true, 21, 8, 2 } } },
+};
+#define STAGES 2
 
 /* Work space; planes that were not made have v = NULL. */
 struct work {
@@ -131,19 +144,15 @@ static int pilot_variance(struct gd_plane var[3], struct gd_plane spare, const s
 	return smooth(var, 3, spare, in->var[0].v ? 3 : 7, err);
 }
 
-static int make_pilots(struct work *w, struct gd_crossfit_in *in, const struct gd_report *report, struct gd_err *err)
+static int make_pilots(struct work *w, struct gd_crossfit_in *in, const struct gd_nlr_conf *conf,
+		       const struct gd_report *report, struct gd_err *err)
 {
-	struct gd_nlr_conf conf = { .window = 7, .patch = 2, .k = 0.5, .eps = 1e-6, .ridge = 1e-3 };
 	struct gd_plane var[3] = { 0 };
 	double median[PILOT_FEATURES], range[PILOT_FEATURES];
 	int index[PILOT_FEATURES], rc, n = 0;
 	float *v = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *v);
 
 	rc = v ? new_planes(var, 3, in->y[0][0], err) : gd_fail(err, GD_ENOMEM, "out of memory");
-	if (rc == GD_OK)
-		rc = new_planes(w->pilot[0], 3, in->y[0][0], err);
-	if (rc == GD_OK)
-		rc = new_planes(w->pilot[1], 3, in->y[0][0], err);
 	if (rc == GD_OK)
 		rc = pilot_variance(var, w->pilot[0][0], in, err);
 	for (int a = 0; a < in->nfeat && n < PILOT_FEATURES && rc == GD_OK; a++) {
@@ -162,8 +171,7 @@ static int make_pilots(struct work *w, struct gd_crossfit_in *in, const struct g
 		}
 		for (int i = 0; i < n; i++)
 			nlr.feat[i] = in->feat[index[i]];
-		gd_progress(report, "pilot", half / 2.0);
-		rc = gd_nlr_run(w->pilot[half], &nlr, &conf, report, err);
+		rc = gd_nlr_run(w->pilot[half], &nlr, conf, report, err);
 	}
 	for (int i = 0; i < n; i++)
 		scale_plane(in->feat[index[i]], 0, range[i], median[i]);
@@ -277,19 +285,17 @@ static void clear(const struct gd_plane *p, int n)
 			memset(gd_row(p[c], y), 0, (size_t)p[c].w * sizeof(float));
 }
 
-/* mean = the mean of all models of a half; square as add_fit() has it */
+/* Adds the models of a stage to the mean of a half, which has `done` already; square as add_fit() has it. */
 static int fit_half(const struct gd_plane *mean, const struct gd_plane *square, struct work *w,
-		    const struct gd_crossfit_in *in, int half, const struct model *model, int n,
+		    const struct gd_crossfit_in *in, int half, const struct model *model, int n, int done,
 		    const struct gd_report *report, struct gd_err *err)
 {
 	int rc = make_weight(w->weight, w->pilot[1 - half], err);
 
-	clear(mean, planes(in));
 	for (int i = 0; i < n && rc == GD_OK; i++) {
-		gd_progress(report, "fitting", (half * n + i) / (2.0 * n));
-		rc = fit_model(w, in, half, &model[i], report, err);
+		rc = fit_model(w, in, half, &model[i], done + i + half == 0 ? report : NULL, err);
 		if (rc == GD_OK)
-			add_fit(mean, square, w->fit, planes(in), i + 1);
+			add_fit(mean, square, w->fit, planes(in), done + i + 1);
 	}
 	return rc;
 }
@@ -387,36 +393,61 @@ static double keep_mean(const struct gd_plane *est, int n, double sum, struct gd
 	return 1 + a;
 }
 
+static int run_stages(const struct gd_crossfit_out *out, struct work *w, struct gd_crossfit_in *in,
+		      const struct gd_crossfit_conf *conf, struct gd_crossfit_result *result,
+		      const struct gd_report *report, struct gd_err *err)
+{
+	const struct stage *stage = in->nfeature ? with_feature : without_feature;
+	int rc = GD_OK, stages = conf->fast ? 1 : STAGES;
+
+	for (int i = 0; i < stages && rc == GD_OK; i++) {
+		int n = conf->fast ? 1 : stage[i].n;
+		double start = gd_seconds();
+
+		gd_progress(report, "pilot", (double)i / stages);
+		rc = make_pilots(w, in, &stage[i].pilot, report, err);
+		result->pilot_seconds += gd_seconds() - start;
+		start = gd_seconds();
+		gd_progress(report, "fitting", (i + 0.5) / stages);
+		for (int half = 0; half < 2 && rc == GD_OK; half++)
+			rc = fit_half(half ? w->sum : out->est, out->mse, w, in, half, stage[i].model, n,
+				      result->models, report, err);
+		result->fit_seconds += gd_seconds() - start;
+		result->models += n;
+	}
+	gd_progress(report, "fitting", 1);
+	return rc;
+}
+
 int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in, const struct gd_crossfit_conf *conf,
 		    struct gd_crossfit_result *result, const struct gd_report *report, struct gd_err *err)
 {
-	const struct model *model = in->nfeature ? with_feature : without_feature;
-	int n = in->nfeature ? (int)(sizeof with_feature / sizeof *model) : (int)(sizeof without_feature / sizeof *model);
+	struct gd_plane like = in->y[0][0];
 	struct work w = { 0 };
 	bool negative = false;
-	double start = gd_seconds(), sum;
+	double sum;
 	int rc;
 
-	n = conf->fast ? 1 : n;
+	*result = (struct gd_crossfit_result){ 0 };
 	sum = (total(in->y[0], &negative) + total(in->y[1], &negative)) / 2;
 	negative = negative || planes(in) > 3;
-	rc = make_pilots(&w, in, report, err);
-	result->pilot_seconds = gd_seconds() - start;
-	if (rc == GD_OK)
-		rc = new_plane(&w.weight, in->y[0][0], err);
-	if (rc == GD_OK)
-		rc = new_planes(w.sum, planes(in), in->y[0][0], err);
-	if (rc == GD_OK)
-		rc = new_planes(w.fit, planes(in), in->y[0][0], err);
-	clear(out->mse, 3);
+	rc = new_plane(&w.weight, like, err);
 	for (int half = 0; half < 2 && rc == GD_OK; half++)
-		rc = fit_half(half ? w.sum : out->est, out->mse, &w, in, half, model, n, report, err);
+		rc = new_planes(w.pilot[half], 3, like, err);
 	if (rc == GD_OK)
-		rc = join(out, w.sum, planes(in), n, negative, w.weight, err);
+		rc = new_planes(w.sum, planes(in), like, err);
+	if (rc == GD_OK)
+		rc = new_planes(w.fit, planes(in), like, err);
+	if (rc == GD_OK) {
+		clear(out->est, planes(in));
+		clear(w.sum, planes(in));
+		clear(out->mse, 3);
+		rc = run_stages(out, &w, in, conf, result, report, err);
+	}
+	if (rc == GD_OK)
+		rc = join(out, w.sum, planes(in), result->models, negative, w.weight, err);
 	if (rc == GD_OK)
 		result->gain = keep_mean(out->est, planes(in), sum, err);
-	result->models = 2 * n;
-	result->fit_seconds = gd_seconds() - start - result->pilot_seconds;
 	free_planes(w.pilot[0], 3);
 	free_planes(w.pilot[1], 3);
 	free_planes(&w.weight, 1);

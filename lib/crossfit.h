@@ -50,7 +50,7 @@ struct gd_crossfit_out {
 };
 
 struct gd_crossfit_result {
-	int models;			/* regressions averaged, both halves together */
+	int models;			/* regressions averaged, of either half */
 	double pilot_seconds, fit_seconds;
 	double gain;			/* the factor that keeps the mean */
 };

@@ -389,7 +389,7 @@ static int run_crossfit(struct job *job, struct gd_apr_frame *f, struct gd_plane
 	if (rc == GD_OK)
 		rc = gd_crossfit_run(&out, in, &conf, &cross, report, err);
 	if (rc == GD_OK) {
-		gd_note(report, "%d cross-fitted regressions averaged; brightest pixels times %.4f to keep the mean",
+		gd_note(report, "%d cross-fitted regressions of either half averaged; brightest pixels times %.4f to keep the mean",
 			cross.models, cross.gain);
 		result->models = cross.models;
 		result->pilot_seconds = cross.pilot_seconds;
