@@ -118,42 +118,6 @@ static int want_gradients(struct gd_image *im, const struct gd_feature_conf *con
 	return GD_OK;
 }
 
-/* Calls use() for each name of a comma-separated list. */
-static int each_layer(const char *list, int (*use)(const char *layer, void *user, struct gd_err *err),
-		      void *user, struct gd_err *err)
-{
-	int rc = GD_OK;
-
-	while (list && *list && rc == GD_OK) {
-		size_t n = strcspn(list, ",");
-		char layer[240];
-
-		if (!n || n >= sizeof layer)
-			return gd_fail(err, GD_EARG, "layers \"%s\": an empty or overlong name", list);
-		memcpy(layer, list, n);
-		layer[n] = 0;
-		rc = use(layer, user, err);
-		list += n + (list[n] == ',');
-	}
-	return rc;
-}
-
-static int want_layer(const char *layer, void *user, struct gd_err *err)
-{
-	struct gd_image *im = user;
-	char half[256];
-
-	if (!gd_layer_want(im, layer, GD_READ))
-		return gd_fail(err, GD_ESHAPE, "no channel %s (nor .R .G .B, .X .Y .Z of it)", layer);
-	gd_layer_want_variance(im, layer, GD_READ);
-	for (int i = 0; i < 2; i++) {
-		layer_name(half, "half", i, layer);
-		gd_layer_want(im, half, GD_READ);
-		gd_layer_want_variance(im, half, GD_READ);
-	}
-	return GD_OK;
-}
-
 int gd_feature_want(struct gd_image *im, const struct gd_feature_conf *conf, struct gd_err *err)
 {
 	int rc = GD_OK;
@@ -161,7 +125,7 @@ int gd_feature_want(struct gd_image *im, const struct gd_feature_conf *conf, str
 	if (conf->solve != GD_FEATURE_NONE)
 		rc = want_gradients(im, conf, err);
 	if (rc == GD_OK)
-		rc = each_layer(conf->layers, want_layer, im, err);
+		rc = gd_feature_layers_want(im, conf->layers, err);
 	return rc;
 }
 
@@ -169,58 +133,84 @@ int gd_feature_want(struct gd_image *im, const struct gd_feature_conf *conf, str
 
 static float finite_float(double x)
 {
-	return (float)fmax(fmin(x, FLT_MAX), -FLT_MAX);
+	return (float)(x > FLT_MAX ? FLT_MAX : x > -FLT_MAX ? x : -FLT_MAX);
 }
 
+#define BLOCK 64	/* pixels of a row that are averaged together */
+
+/* Of the finite values of each pixel: how many, their mean, and squared distances to it added up. */
 struct moments {
-	double sum, square;	/* of finite values, and of their distances to their mean */
-	int n;
+	float n[BLOCK];
+	double mean[BLOCK], square[BLOCK];
 };
 
-static struct moments moments_at(const struct gd_plane *bin, int bins, int first, int step, int x, int y)
+static void moments_of(struct moments *m, const struct gd_plane *bin, int bins, int first, int step, int x0,
+		       int y, int n)
 {
-	struct moments m = { 0 };
-
+	*m = (struct moments){ 0 };
 	for (int b = first; b < bins; b += step) {
-		float v = gd_row(bin[b], y)[x];
+		const float *v = gd_row(bin[b], y) + x0;
 
-		if (isfinite(v)) {
-			m.sum += v;
-			m.n++;
+#pragma omp simd
+		for (int x = 0; x < n; x++) {
+			float there = fabsf(v[x]) <= FLT_MAX ? 1.0f : 0.0f;
+
+			m->n[x] += there;
+			m->mean[x] += there > 0.0f ? v[x] : 0.0f;
 		}
 	}
-	for (int b = first; b < bins && m.n; b += step) {
-		float v = gd_row(bin[b], y)[x];
-		double d = v - m.sum / m.n;
+#pragma omp simd
+	for (int x = 0; x < n; x++)
+		m->mean[x] /= m->n[x] > 0.0f ? m->n[x] : 1.0f;
+	for (int b = first; b < bins; b += step) {
+		const float *v = gd_row(bin[b], y) + x0;
 
-		if (isfinite(v))
-			m.square += d * d;
+#pragma omp simd
+		for (int x = 0; x < n; x++) {
+			double d = v[x] - m->mean[x];
+
+			m->square[x] += fabsf(v[x]) <= FLT_MAX ? d * d : 0.0;
+		}
 	}
-	return m;
 }
 
 /*
  * Mean of the bins first, first + step, ... and the variance of that mean; with fewer than two
  * finite ones the variance comes from the spread of all bins, with none the mean does, too.
  */
+static void average_block(float *mean, float *var, const struct gd_plane *bin, int bins, int first, int step,
+			  int x0, int y, int n)
+{
+	struct moments part, all;
+	bool known = false;
+
+	moments_of(&part, bin, bins, first, step, x0, y, n);
+	for (int x = 0; x < n; x++) {
+		double square = part.square[x], m = part.mean[x], spread_n = part.n[x];
+
+		if (part.n[x] < 2.0f) {
+			if (!known)
+				moments_of(&all, bin, bins, 0, 1, x0, y, n);
+			known = true;
+			square = all.square[x];
+			spread_n = all.n[x];
+			m = part.n[x] > 0.0f ? m : all.mean[x];
+		}
+		mean[x] = finite_float(m);
+		if (var)
+			var[x] = spread_n < 2.0 ? 0.0f :
+				finite_float(square / ((spread_n - 1.0) * fmax(part.n[x], 1.0)));
+	}
+}
+
 static void average(struct gd_plane mean, struct gd_plane var, const struct gd_plane *bin, int bins,
 		    int first, int step)
 {
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < mean.h; y++)
-		for (int x = 0; x < mean.w; x++) {
-			struct moments m = moments_at(bin, bins, first, step, x, y), all = m;
-			int n = m.n ? m.n : 1;
-
-			if (m.n < 2)
-				all = moments_at(bin, bins, 0, 1, x, y);
-			if (!m.n)
-				m = all;
-			gd_row(mean, y)[x] = m.n ? finite_float(m.sum / m.n) : 0.0f;
-			if (var.v)
-				gd_row(var, y)[x] = all.n < 2 ? 0.0f :
-					finite_float(all.square / (all.n - 1) / n);
-		}
+		for (int x = 0; x < mean.w; x += BLOCK)
+			average_block(gd_row(mean, y) + x, var.v ? gd_row(var, y) + x : NULL, bin, bins, first,
+				      step, x, y, mean.w - x < BLOCK ? mean.w - x : BLOCK);
 }
 
 /* The planes of one channel, bin by bin. */
@@ -621,140 +611,6 @@ static int make_feature(struct stage *s)
 	return rc;
 }
 
-/* ---- other layers ---- */
-
-/* A layer, or a half of one, and what replaces it. */
-struct noisy {
-	int n;
-	bool has_var;
-	struct gd_plane in[GD_LAYER_PLANES], var[GD_LAYER_PLANES];
-	struct gd_plane out[GD_LAYER_PLANES], out_var[GD_LAYER_PLANES];
-};
-
-/* Looks layer up and makes room for the result in tmp; n = 0 if there is no such layer. */
-static int open_noisy(struct stage *s, struct noisy *f, const char *layer)
-{
-	char name[300];
-	int rc;
-
-	*f = (struct noisy){ 0 };
-	f->n = gd_layer_planes(s->im, layer, f->in);
-	if (!f->n)
-		return GD_OK;
-	f->has_var = gd_layer_variance_planes(s->im, layer, f->var) == f->n;
-	rc = gd_layer_add(&s->tmp, layer, f->n, f->out, s->err);
-	snprintf(name, sizeof name, "%s.filtered.variance", layer);
-	if (rc == GD_OK)
-		rc = gd_layer_add(&s->tmp, name, f->n, f->out_var, s->err);
-	return rc;
-}
-
-static bool all_zero(const struct gd_plane *p, int n)
-{
-	for (int c = 0; c < n; c++)
-		for (int y = 0; y < p[c].h; y++)
-			for (int x = 0; x < p[c].w; x++)
-				if (gd_row(p[c], y)[x] != 0.0f)
-					return false;
-	return true;
-}
-
-static int filter_noisy(struct stage *s, struct noisy *f, const struct noisy *guide)
-{
-	struct gd_nlm_job job = { f->n, f->n, guide->in, guide->var, f->in, f->var, f->out, f->out_var };
-
-	return gd_nlm_run(&job, &s->conf->nlm_layers, s->report, s->err);
-}
-
-static void keep_noisy(struct noisy *f)
-{
-	for (int c = 0; c < f->n; c++) {
-		copy_plane(f->in[c], f->out[c]);
-		if (f->has_var)
-			copy_plane(f->var[c], f->out_var[c]);
-	}
-}
-
-/* Variances of halves that come without: from their difference, for want of better. */
-static int halves_variance(struct stage *s, struct noisy half[2], const char *layer)
-{
-	struct gd_plane var[GD_LAYER_PLANES];
-	char name[300];
-	int rc;
-
-	if (half[0].has_var && half[1].has_var)
-		return GD_OK;
-	snprintf(name, sizeof name, "%s.halves.variance", layer);
-	rc = gd_layer_add(&s->tmp, name, half[0].n, var, s->err);
-	if (rc == GD_OK)
-		rc = gd_boot_halves(var, half[0].in, half[1].in, half[0].n, s->conf->boot.local_px, s->err);
-	for (int c = 0; c < half[0].n && rc == GD_OK; c++)
-		for (int y = 0; y < var[c].h; y++)
-			for (int x = 0; x < var[c].w; x++)
-				gd_row(var[c], y)[x] = finite_float(2.0 * gd_row(var[c], y)[x]);
-	for (int i = 0; i < 2 && rc == GD_OK; i++) {
-		memcpy(half[i].var, var, sizeof var);
-		half[i].has_var = false;
-	}
-	return rc;
-}
-
-/* Each half with weights from the other; the layer becomes the mean of the two. */
-static int filter_halves(struct stage *s, struct noisy *whole, struct noisy half[2], const char *layer)
-{
-	int rc = halves_variance(s, half, layer);
-
-	for (int i = 0; i < 2 && rc == GD_OK; i++)
-		rc = filter_noisy(s, &half[i], &half[1 - i]);
-	for (int c = 0; c < whole->n && rc == GD_OK; c++)
-		for (int y = 0; y < whole->in[c].h; y++)
-			for (int x = 0; x < whole->in[c].w; x++) {
-				double a = gd_row(half[0].out[c], y)[x], b = gd_row(half[1].out[c], y)[x];
-				double va = gd_row(half[0].out_var[c], y)[x];
-				double vb = gd_row(half[1].out_var[c], y)[x];
-
-				gd_row(whole->out[c], y)[x] = finite_float(0.5 * (a + b));
-				gd_row(whole->out_var[c], y)[x] = finite_float(0.25 * (va + vb));
-			}
-	for (int i = 0; i < 2 && rc == GD_OK; i++)
-		keep_noisy(&half[i]);
-	return rc;
-}
-
-static int filter_layer(const char *layer, void *user, struct gd_err *err)
-{
-	struct stage *s = user;
-	struct noisy whole, half[2];
-	char name[2][256];
-	int rc;
-
-	gd_image_init(&s->tmp, s->im->w, s->im->h);
-	rc = open_noisy(s, &whole, layer);
-	if (rc == GD_OK && !whole.n)
-		rc = missing(s->im, layer, err);
-	for (int i = 0; i < 2 && rc == GD_OK; i++) {
-		layer_name(name[i], "half", i, layer);
-		rc = open_noisy(s, &half[i], name[i]);
-	}
-	if (rc != GD_OK)
-		goto done;
-	if (half[0].n == whole.n && half[1].n == whole.n) {
-		rc = filter_halves(s, &whole, half, layer);
-	} else if (whole.has_var && !all_zero(whole.var, whole.n)) {
-		rc = filter_noisy(s, &whole, &whole);
-	} else {
-		gd_note(s->report, "%s has no variance and no halves: it counts as exact and stays", layer);
-		goto done;
-	}
-	if (rc == GD_OK) {
-		keep_noisy(&whole);
-		s->result->layers++;
-	}
-done:
-	gd_image_free(&s->tmp);
-	return rc;
-}
-
 int gd_feature_run(struct gd_image *im, const struct gd_feature_conf *conf,
 		   struct gd_feature_result *result, const struct gd_report *report, struct gd_err *err)
 {
@@ -769,7 +625,7 @@ int gd_feature_run(struct gd_image *im, const struct gd_feature_conf *conf,
 		rc = make_feature(&s);
 	start = gd_seconds();
 	if (rc == GD_OK)
-		rc = each_layer(conf->layers, filter_layer, &s, err);
+		rc = gd_feature_layers_run(im, conf, &s.result->layers, report, err);
 	s.result->layer_seconds = gd_seconds() - start;
 	return rc;
 }

@@ -60,4 +60,13 @@ int gd_feature_want(struct gd_image *im, const struct gd_feature_conf *conf, str
 int gd_feature_run(struct gd_image *im, const struct gd_feature_conf *conf,
 		   struct gd_feature_result *result, const struct gd_report *report, struct gd_err *err);
 
+/*
+ * The part of the above that deals with conf->layers, a comma-separated list or NULL: each layer is
+ * replaced by itself filtered; with the weights of its halves, if the image has half0.<layer> and
+ * half1.<layer>, which are filtered, too. Layers without noise stay; *filtered counts the others.
+ */
+int gd_feature_layers_want(struct gd_image *im, const char *layers, struct gd_err *err);
+int gd_feature_layers_run(struct gd_image *im, const struct gd_feature_conf *conf, int *filtered,
+			  const struct gd_report *report, struct gd_err *err);
+
 #endif
