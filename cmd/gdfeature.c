@@ -17,25 +17,28 @@ static int choose_solve(const char *text, enum gd_feature_solve *solve, struct g
 	return gd_fail(err, GD_EARG, "--solve: \"%s\" is none of wls, ols, none", text);
 }
 
-static void tell(struct gd_cli *cli, const struct gd_feature_conf *conf, const struct gd_feature_result *res)
+static void tell(struct gd_cli *cli, const struct gd_feature_conf *conf,
+		 const struct gd_feature_result *res)
 {
-	const char *solver = conf->solve == GD_FEATURE_OLS ? "equal weights" : "weights from variances";
+	const char *solver =
+		conf->solve == GD_FEATURE_OLS ? "equal weights" : "weights from variances";
 
 	if (conf->solve == GD_FEATURE_NONE)
 		gd_note(&cli->report, "no feature asked for");
 	else if (res->bagged)
-		gd_note(&cli->report, "feature: %d replicates of %d bins, %s, %.3f s", conf->boot.replicates,
-			res->bins, solver, res->solve_seconds);
+		gd_note(&cli->report, "feature: %d replicates of %d bins, %s, %.3f s",
+			conf->boot.replicates, res->bins, solver, res->solve_seconds);
 	else
 		gd_note(&cli->report, "feature: one solve, %s, %.3f s", solver, res->solve_seconds);
 	if (res->halves)
 		gd_note(&cli->report, "halves: even and odd bins, %.3f s", res->half_seconds);
 	if (res->filtered)
-		gd_note(&cli->report, "filter: %dx%d patches, %dx%d window, k %g, %.3f s", 2 * conf->nlm.patch + 1,
-			2 * conf->nlm.patch + 1, 2 * conf->nlm.window + 1, 2 * conf->nlm.window + 1,
-			conf->nlm.k, res->filter_seconds);
+		gd_note(&cli->report, "filter: %dx%d patches, %dx%d window, k %g, %.3f s",
+			2 * conf->nlm.patch + 1, 2 * conf->nlm.patch + 1, 2 * conf->nlm.window + 1,
+			2 * conf->nlm.window + 1, conf->nlm.k, res->filter_seconds);
 	if (conf->layers)
-		gd_note(&cli->report, "other layers: %d filtered, %.3f s", res->layers, res->layer_seconds);
+		gd_note(&cli->report, "other layers: %d filtered, %.3f s", res->layers,
+			res->layer_seconds);
 	gd_cli_stat(cli, "bins", res->bins);
 	gd_cli_stat(cli, "replicates", res->bagged ? conf->boot.replicates : 0);
 	gd_cli_stat(cli, "halves", res->halves);
@@ -47,7 +50,8 @@ static void tell(struct gd_cli *cli, const struct gd_feature_conf *conf, const s
 	gd_cli_stat(cli, "layer_seconds", res->layer_seconds);
 }
 
-static int run(struct gd_cli *cli, struct gd_image *im, const struct gd_feature_conf *conf, struct gd_err *err)
+static int run(struct gd_cli *cli, struct gd_image *im, const struct gd_feature_conf *conf,
+	       struct gd_err *err)
 {
 	struct gd_feature_result res;
 	struct gd_exr *file = NULL;
@@ -75,21 +79,28 @@ int main(int argc, char **argv)
 	const char *solve = "wls";
 	bool no_bagging = false, no_filter = false;
 	const struct gd_opt opts[] = {
-		GD_NUM('B', "replicates", "COUNT", &conf.boot.replicates, 2, 1000, "bootstrap replicates"),
+		GD_NUM('B', "replicates", "COUNT", &conf.boot.replicates, 2, 1000,
+		       "bootstrap replicates"),
 		GD_OPT('s', "seed", "NUMBER", &conf.boot.seed, "seed of the bootstrap draws"),
-		GD_OPT(0, "solve", "METHOD", &solve, "wls, ols (equal weights, no bagging) or none"),
+		GD_OPT(0, "solve", "METHOD", &solve,
+		       "wls, ols (equal weights, no bagging) or none"),
 		GD_FLAG(0, "no-bagging", &no_bagging, "solve once, from the bins as they are"),
 		GD_FLAG(0, "no-filter", &no_filter, "leave out non-local means"),
 		GD_NUM('k', "strength", "VALUE", &conf.nlm.k, 0.01, 100, "strength of the filter"),
-		GD_NUM(0, "patch", "RADIUS", &conf.nlm.patch, 0, 16, "radius of the filter's patches, pixels"),
-		GD_NUM(0, "window", "RADIUS", &conf.nlm.window, 0, 32, "radius of the filter's window, pixels"),
-		GD_OPT(0, "filter", "LAYERS", &conf.layers, "noisy layers to filter too: albedo,N,Z"),
+		GD_NUM(0, "patch", "RADIUS", &conf.nlm.patch, 0, 16,
+		       "radius of the filter's patches, pixels"),
+		GD_NUM(0, "window", "RADIUS", &conf.nlm.window, 0, 32,
+		       "radius of the filter's window, pixels"),
+		GD_OPT(0, "filter", "LAYERS", &conf.layers,
+		       "noisy layers to filter too: albedo,N,Z"),
 		GD_FLAG(0, "keep", &conf.keep, "keep gradients and their bins"),
 		GD_OPT_END
 	};
-	const struct gd_cmd cmd = { .name = "gdfeature", .operands = "[input.exr [output.exr]]",
-				    .summary = "make the feature image from bins of gradients", .opts = opts,
-				    .max_operands = 2, .filter = true };
+	const struct gd_cmd cmd = {
+		.name = "gdfeature", .operands = "[input.exr [output.exr]]",
+		.summary = "make the feature image from bins of gradients",
+		.opts = opts, .max_operands = 2, .filter = true
+	};
 	struct gd_cli cli = { 0 };
 	struct gd_image im = { 0 };
 	struct gd_err err = { 0 };

@@ -26,13 +26,13 @@ struct stage {
 	struct gd_feature_result *result;
 	const struct gd_report *report;
 	struct gd_err *err;
-	int n, bins;				/* channels; bins of the gradients, 0 or 2 and more */
+	int n, bins; /* channels; bins of the gradients, 0 or 2 and more */
 	const char *family;			/* "bin", or "half" where a file has halves only */
 	struct gd_plane (*dx)[3], (*dy)[3];	/* [bins], or the mean where there are none */
 	struct gd_plane primal[3], half_primal[2][3];
 	struct gd_image tmp;			/* solutions before the filter */
 	struct gd_plane whole[3], half[2][3], local[3], half_local[3];
-	bool has_local;				/* local, the variance of whole's detail, is known */
+	bool has_local; /* local, the variance of whole's detail, is known */
 };
 
 /* ---- channels ---- */
@@ -89,7 +89,8 @@ static int missing(const struct gd_image *im, const char *layer, struct gd_err *
 	return gd_fail(err, GD_ESHAPE, "no channel %s", name);
 }
 
-static int want_gradients(struct gd_image *im, const struct gd_feature_conf *conf, struct gd_err *err)
+static int want_gradients(struct gd_image *im, const struct gd_feature_conf *conf,
+			  struct gd_err *err)
 {
 	const char *family;
 	int bins = count_bins(im, &family);
@@ -138,14 +139,14 @@ static float finite_float(double x)
 
 #define BLOCK 64	/* pixels of a row that are averaged together */
 
-/* Of the finite values of each pixel: how many, their mean, and squared distances to it added up. */
+/* Of the finite values of a pixel: how many, their mean, and squared distances to it added up. */
 struct moments {
 	float n[BLOCK];
 	double mean[BLOCK], square[BLOCK];
 };
 
-static void moments_of(struct moments *m, const struct gd_plane *bin, int bins, int first, int step, int x0,
-		       int y, int n)
+static void moments_of(struct moments *m, const struct gd_plane *bin, int bins, int first, int step,
+		       int x0, int y, int n)
 {
 	*m = (struct moments){ 0 };
 	for (int b = first; b < bins; b += step) {
@@ -178,8 +179,8 @@ static void moments_of(struct moments *m, const struct gd_plane *bin, int bins, 
  * Mean of the bins first, first + step, ... and the variance of that mean; with fewer than two
  * finite ones the variance comes from the spread of all bins, with none the mean does, too.
  */
-static void average_block(float *mean, float *var, const struct gd_plane *bin, int bins, int first, int step,
-			  int x0, int y, int n)
+static void average_block(float *mean, float *var, const struct gd_plane *bin, int bins, int first,
+			  int step, int x0, int y, int n)
 {
 	struct moments part, all;
 	bool known = false;
@@ -209,8 +210,9 @@ static void average(struct gd_plane mean, struct gd_plane var, const struct gd_p
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < mean.h; y++)
 		for (int x = 0; x < mean.w; x += BLOCK)
-			average_block(gd_row(mean, y) + x, var.v ? gd_row(var, y) + x : NULL, bin, bins, first,
-				      step, x, y, mean.w - x < BLOCK ? mean.w - x : BLOCK);
+			average_block(gd_row(mean, y) + x, var.v ? gd_row(var, y) + x : NULL, bin,
+				      bins, first, step, x, y,
+				      mean.w - x < BLOCK ? mean.w - x : BLOCK);
 }
 
 /* The planes of one channel, bin by bin. */
@@ -225,7 +227,8 @@ static int check_layer(struct stage *s, const char *name, int found)
 	if (!found)
 		return missing(s->im, name, s->err);
 	if (found != s->n)
-		return gd_fail(s->err, GD_ESHAPE, "%s: %d channels, expected %d", name, found, s->n);
+		return gd_fail(s->err, GD_ESHAPE, "%s: %d channels, expected %d", name, found,
+			       s->n);
 	return GD_OK;
 }
 
@@ -336,9 +339,9 @@ static bool is_scratch(const char *name, void *user)
 	return !strncmp(name, "g.", 2);
 }
 
-/* One solve from the means of the bins first, first + step ..., and variances that all bins support. */
-static int solve_means(struct stage *s, const struct gd_plane *out, const struct gd_plane *primal, int first,
-		       int step)
+/* One solve from the means of the bins first, first + step ..., and variances of all bins. */
+static int solve_means(struct stage *s, const struct gd_plane *out, const struct gd_plane *primal,
+		       int first, int step)
 {
 	struct gd_poisson_in in = { .n = s->n };
 	struct gd_plane bin[BINS];
@@ -362,8 +365,8 @@ static int solve_means(struct stage *s, const struct gd_plane *out, const struct
 }
 
 /* The bins first, first + step ... as they are: weighted by their own spread. */
-static int solve_bins(struct stage *s, const struct gd_plane *out, const struct gd_plane *primal, int first,
-		      int step)
+static int solve_bins(struct stage *s, const struct gd_plane *out, const struct gd_plane *primal,
+		      int first, int step)
 {
 	struct gd_plane (*set)[3];
 	struct gd_boot_in in = { .n = s->n };
@@ -428,7 +431,8 @@ static int solve_without_bins(struct stage *s)
 	memcpy(in.dx, s->dx[0], sizeof in.dx);
 	memcpy(in.dy, s->dy[0], sizeof in.dy);
 	memcpy(in.primal, s->primal, sizeof in.primal);
-	s->has_local = gd_layer_variance(s->im, "dx").n == s->n && gd_layer_variance(s->im, "dy").n == s->n;
+	s->has_local = gd_layer_variance(s->im, "dx").n == s->n &&
+		       gd_layer_variance(s->im, "dy").n == s->n;
 	if (s->has_local) {
 		gd_layer_variance_planes(s->im, "dx", p);
 		memcpy(in.dxvar, p, sizeof in.dxvar);
@@ -437,7 +441,8 @@ static int solve_without_bins(struct stage *s)
 		for (int c = 0; c < s->n; c++)
 			local_from_edges(s->local[c], in.dxvar[c], in.dyvar[c]);
 	} else {
-		gd_note(s->report, "neither bins nor variances of dx and dy: equal weights, no filter");
+		gd_note(s->report,
+			"neither bins nor variances of dx and dy: equal weights, no filter");
 	}
 	return poisson(s, s->whole, &in);
 }
@@ -454,12 +459,14 @@ static int solve_halves(struct stage *s)
 	for (int i = 0; i < 2 && rc == GD_OK; i++)
 		rc = solve_bins(s, s->half[i], s->half_primal[i], i, 2);
 	if (rc == GD_OK)
-		rc = gd_boot_halves(s->local, s->half[0], s->half[1], s->n, s->conf->boot.local_px, s->err);
+		rc = gd_boot_halves(s->local, s->half[0], s->half[1], s->n, s->conf->boot.local_px,
+				    s->err);
 	/* the variance of the mean of two is half of what each has */
 	for (int c = 0; c < s->n && rc == GD_OK; c++)
 		for (int y = 0; y < s->local[c].h; y++)
 			for (int x = 0; x < s->local[c].w; x++)
-				gd_row(s->half_local[c], y)[x] = finite_float(2.0 * gd_row(s->local[c], y)[x]);
+				gd_row(s->half_local[c], y)[x] =
+					finite_float(2.0 * gd_row(s->local[c], y)[x]);
 	s->has_local = true;
 	s->result->halves = rc == GD_OK;
 	s->result->half_seconds = gd_seconds() - start;
@@ -491,7 +498,8 @@ static int solve(struct stage *s)
 /* ---- the filter ---- */
 
 /* A layer of the result with its variances, where there are any. */
-static int add_feature(struct stage *s, const char *layer, struct gd_plane *out, struct gd_plane *out_var)
+static int add_feature(struct stage *s, const char *layer, struct gd_plane *out,
+		       struct gd_plane *out_var)
 {
 	struct gd_plane p[GD_LAYER_PLANES], v[GD_LAYER_PLANES];
 	char name[64];
@@ -534,10 +542,10 @@ static void mix(struct gd_plane to, struct gd_plane a, struct gd_plane b, float 
 }
 
 /*
- * The weights of each half go to the other half and to the feature of all bins, which becomes the mean
- * of the two results: half of its noise is unknown to either set of weights, where weights from
- * itself would know all of it and keep it. Its variance before is half of that of a half, hence
- * after, too, for either set of weights; it is at most the mean of these two.
+ * The weights of each half go to the other half and to the feature of all bins, which becomes the
+ * mean of the two results: half of its noise is unknown to either set of weights, where weights
+ * from itself would know all of it and keep it. Its variance before is half of that of a half,
+ * hence after, too, for either set of weights; it is at most the mean of these two.
  */
 static int filter_crossed(struct stage *s, struct gd_plane (*out)[3], struct gd_plane (*out_var)[3])
 {
@@ -547,7 +555,8 @@ static int filter_crossed(struct stage *s, struct gd_plane (*out)[3], struct gd_
 
 	for (int i = 0; i < 2 && rc == GD_OK; i++) {
 		struct gd_plane in[6], var[6] = { 0 }, to[6], to_var[6] = { 0 };
-		struct gd_nlm_job job = { n, 2 * n, s->half[1 - i], s->half_local, in, var, to, to_var };
+		struct gd_nlm_job job = { n, 2 * n, s->half[1 - i], s->half_local,
+					  in, var, to, to_var };
 
 		for (int c = 0; c < n; c++) {
 			in[c] = s->half[i][c];
@@ -570,7 +579,8 @@ static int write_features(struct stage *s)
 {
 	static const char *const layer[] = { "feature", "half0.feature", "half1.feature" };
 	struct gd_plane out[3][3], out_var[3][3];
-	struct gd_nlm_job job = { s->n, s->n, s->whole, s->local, s->whole, s->local, out[0], out_var[0] };
+	struct gd_nlm_job job = { s->n, s->n, s->whole, s->local,
+				  s->whole, s->local, out[0], out_var[0] };
 	const int layers = s->result->halves ? 3 : 1;
 	double start = gd_seconds();
 	int rc = GD_OK;
@@ -612,7 +622,8 @@ static int make_feature(struct stage *s)
 }
 
 int gd_feature_run(struct gd_image *im, const struct gd_feature_conf *conf,
-		   struct gd_feature_result *result, const struct gd_report *report, struct gd_err *err)
+		   struct gd_feature_result *result, const struct gd_report *report,
+		   struct gd_err *err)
 {
 	struct gd_feature_result unused;
 	struct stage s = { .im = im, .conf = conf, .report = report, .err = err,

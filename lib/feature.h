@@ -2,16 +2,17 @@
 /*
  * The feature stage: an image made from the gradients, for the regression to lean on.
  *
- *	feature		from all bins, bagged (boot.h) or a single solve, then non-local means with the
- *			weights of either half, and the mean of the two
+ *	feature		from all bins, bagged (boot.h) or a single solve, then non-local means with
+ *			the weights of either half, and the mean of the two
  *	half0.feature	from the even bins, filtered with weights from the odd ones
  *	half1.feature	the other way round
  *	half0.R ...	means of the even and odd bins of the colour
- * and the variances of all of these. The noise of half1.feature is independent of that of half0.R, so a
- * regression of the one on the other cannot fit noise to itself.
+ * and the variances of all of these. The noise of half1.feature is independent of that of half0.R,
+ * so a regression of the one on the other cannot fit noise to itself.
  *
  * Which variance is told: that of the feature's detail. An image solved from gradients drifts, as
- * a random walk does, but the drift is common to a window, which a regression with a constant takes out.
+ * a random walk does, but the drift is common to a window, and a regression with a constant takes
+ * it out.
  */
 #ifndef GD_FEATURE_H
 #define GD_FEATURE_H
@@ -47,18 +48,19 @@ struct gd_feature_result {
 };
 
 /*
- * Marks what gd_feature_run() reads and what it will not hand on, in an image of which only the header
- * is known. GD_ESHAPE names a channel that is missing.
+ * Marks what gd_feature_run() reads and what it will not hand on, in an image of which only the
+ * header is known. GD_ESHAPE names a channel that is missing.
  */
 int gd_feature_want(struct gd_image *im, const struct gd_feature_conf *conf, struct gd_err *err);
 
 /*
- * Adds the channels above to im and frees those that no later stage needs. Without bins: one solve from
- * means and variances (equal weights where these are missing, too), no halves. All outputs are finite.
- * result and report may be NULL. Returns GD_OK, GD_EARG, GD_ESHAPE or GD_ENOMEM.
+ * Adds the channels above to im and frees those that no later stage needs. Without bins: one solve
+ * from means and variances (equal weights where these are missing, too), no halves. All outputs are
+ * finite. result and report may be NULL. Returns GD_OK, GD_EARG, GD_ESHAPE or GD_ENOMEM.
  */
 int gd_feature_run(struct gd_image *im, const struct gd_feature_conf *conf,
-		   struct gd_feature_result *result, const struct gd_report *report, struct gd_err *err);
+		   struct gd_feature_result *result, const struct gd_report *report,
+		   struct gd_err *err);
 
 /*
  * The part of the above that deals with conf->layers, a comma-separated list or NULL: each layer is

@@ -26,8 +26,9 @@ static int no_layer(const char *layer, struct gd_err *err)
 }
 
 /* Calls use() for each name of a comma-separated list. */
-static int each_layer(const char *list, int (*use)(const char *layer, void *user, struct gd_err *err),
-		      void *user, struct gd_err *err)
+static int each_layer(const char *list,
+		      int (*use)(const char *layer, void *user, struct gd_err *err), void *user,
+		      struct gd_err *err)
 {
 	int rc = GD_OK;
 
@@ -36,7 +37,8 @@ static int each_layer(const char *list, int (*use)(const char *layer, void *user
 		char layer[240];
 
 		if (!n || n >= sizeof layer)
-			return gd_fail(err, GD_EARG, "layers \"%s\": an empty or overlong name", list);
+			return gd_fail(err, GD_EARG, "layers \"%s\": an empty or overlong name",
+				       list);
 		memcpy(layer, list, n);
 		layer[n] = 0;
 		rc = use(layer, user, err);
@@ -77,7 +79,8 @@ static void mix(struct gd_plane to, struct gd_plane a, struct gd_plane b, float 
 {
 	for (int y = 0; y < to.h; y++)
 		for (int x = 0; x < to.w; x++)
-			gd_row(to, y)[x] = fminf(part * gd_row(a, y)[x] + part * gd_row(b, y)[x], FLT_MAX);
+			gd_row(to, y)[x] =
+				fminf(part * gd_row(a, y)[x] + part * gd_row(b, y)[x], FLT_MAX);
 }
 
 /* A layer, or a half of one, and what replaces it. */
@@ -118,7 +121,8 @@ static bool all_zero(const struct gd_plane *p, int n)
 
 static int filter_noisy(struct job *s, struct noisy *f, const struct noisy *guide)
 {
-	struct gd_nlm_job job = { f->n, f->n, guide->in, guide->var, f->in, f->var, f->out, f->out_var };
+	struct gd_nlm_job job = { f->n, f->n, guide->in, guide->var,
+				  f->in, f->var, f->out, f->out_var };
 
 	return gd_nlm_run(&job, &s->conf->nlm_layers, s->report, s->err);
 }
@@ -144,7 +148,8 @@ static int halves_variance(struct job *s, struct noisy half[2], const char *laye
 	snprintf(name, sizeof name, "%s.halves.variance", layer);
 	rc = gd_layer_add(&s->tmp, name, half[0].n, var, s->err);
 	if (rc == GD_OK)
-		rc = gd_boot_halves(var, half[0].in, half[1].in, half[0].n, s->conf->boot.local_px, s->err);
+		rc = gd_boot_halves(var, half[0].in, half[1].in, half[0].n, s->conf->boot.local_px,
+				    s->err);
 	/* the variance of the mean of two is half of what each has */
 	for (int c = 0; c < half[0].n && rc == GD_OK; c++)
 		mix(var[c], var[c], var[c], 1.0f);
@@ -156,7 +161,8 @@ static int halves_variance(struct job *s, struct noisy half[2], const char *laye
 }
 
 /* Each half with weights from the other; the layer becomes the mean of the two. */
-static int filter_halves(struct job *s, struct noisy *whole, struct noisy half[2], const char *layer)
+static int filter_halves(struct job *s, struct noisy *whole, struct noisy half[2],
+			 const char *layer)
 {
 	int rc = halves_variance(s, half, layer);
 
@@ -193,7 +199,8 @@ static int filter_layer(const char *layer, void *user, struct gd_err *err)
 	} else if (whole.has_var && !all_zero(whole.var, whole.n)) {
 		rc = filter_noisy(s, &whole, &whole);
 	} else {
-		gd_note(s->report, "%s has no variance and no halves: it counts as exact and stays", layer);
+		gd_note(s->report, "%s has no variance and no halves: it counts as exact and stays",
+			layer);
 		goto done;
 	}
 	if (rc == GD_OK) {

@@ -165,7 +165,8 @@ static void scale_guide(struct run *r, int c, uint32_t *count)
 
 	r->guide[c] = scaling_of(middle, e, -GD_NLM_LIMIT, GD_NLM_LIMIT);
 	r->guide_var[c] = scaling_of(0.0f, 2 * e, 0.0f, GD_NLM_LIMIT * GD_NLM_LIMIT);
-	r->noise[c] = (float)(r->conf->eps / (r->conf->k * r->conf->k) * (var > 0.0 ? ldexp(var, 2 * e) : 1.0));
+	r->noise[c] = (float)(r->conf->eps / (r->conf->k * r->conf->k) *
+			      (var > 0.0 ? ldexp(var, 2 * e) : 1.0));
 	r->noise[c] = r->noise[c] > GD_NLM_NOISE ? r->noise[c] : GD_NLM_NOISE;
 }
 
@@ -255,7 +256,8 @@ static int load_plane(const struct run *r, const struct region *g, float *to, st
 
 		if (from.v)
 			found |= r->kernel->load(row, gd_row(from, g->y + y) + g->x + g->x0,
-						 g->x1 - g->x0, s->offset, s->by, s->by2, s->lo, s->hi);
+						 g->x1 - g->x0, s->offset, s->by, s->by2, s->lo,
+						 s->hi);
 		else
 			memset(row, 0, (size_t)(g->x1 - g->x0) * sizeof *row);
 	}
@@ -287,7 +289,8 @@ static void load_guide(const struct run *r, const struct gd_nlm_tile *t, int c)
 		    load_plane(r, &g, t->guide_var[c], var, &r->guide_var[c]);
 
 	if (found & GD_NLM_BAD)
-		mend(r, &g, t->guide[c], t->guide_var[c], from, var, &r->guide[c], &r->guide_var[c]);
+		mend(r, &g, t->guide[c], t->guide_var[c], from, var, &r->guide[c],
+		     &r->guide_var[c]);
 }
 
 /* Returns the power of two by which values and variances were multiplied for want of room. */
@@ -415,7 +418,8 @@ static int filter(const struct run *r, const struct gd_report *report, struct gd
 	float *work = gd_calloc(need, (size_t)threads * sizeof *work);
 
 	if (!work)
-		return gd_fail(err, GD_ENOMEM, "non-local means: no memory for %d threads", threads);
+		return gd_fail(err, GD_ENOMEM, "non-local means: no memory for %d threads",
+			       threads);
 	for (int first = 0; first < tiles; first += BATCH) {
 		const int end = tiles - first < BATCH ? tiles : first + BATCH;
 
@@ -435,14 +439,15 @@ static int filter(const struct run *r, const struct gd_report *report, struct gd
 	return GD_OK;
 }
 
-static int check_planes(const char *what, const struct gd_plane *p, int n, int w, int h, bool may_lack,
-			struct gd_err *err)
+static int check_planes(const char *what, const struct gd_plane *p, int n, int w, int h,
+			bool may_lack, struct gd_err *err)
 {
 	for (int c = 0; c < n; c++) {
 		if (!p[c].v && may_lack)
 			continue;
 		if (!p[c].v || p[c].w != w || p[c].h != h)
-			return gd_fail(err, GD_ESHAPE, "non-local means: %s plane %d is %dx%d, expected %dx%d",
+			return gd_fail(err, GD_ESHAPE,
+				       "non-local means: %s plane %d is %dx%d, expected %dx%d",
 				       what, c, p[c].w, p[c].h, w, h);
 	}
 	return GD_OK;
@@ -453,15 +458,17 @@ static int check(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf, s
 	int w, h, rc;
 
 	if (job->nguide < 1 || job->nguide > GD_NLM_PLANES || job->n < 1 || job->n > GD_NLM_PLANES)
-		return gd_fail(err, GD_EARG, "non-local means: %d guides and %d inputs, expected 1 to %d",
+		return gd_fail(err, GD_EARG,
+			       "non-local means: %d guides and %d inputs, expected 1 to %d",
 			       job->nguide, job->n, GD_NLM_PLANES);
 	if (conf->patch < 0 || conf->patch > 16 || conf->window < 0 || conf->window > 32)
 		return gd_fail(err, GD_EARG,
-			       "non-local means: patch radius %d (0 to 16), window radius %d (0 to 32)",
+			       "non-local means: patch radius %d (0 to 16), window %d (0 to 32)",
 			       conf->patch, conf->window);
 	if (!(conf->k >= 0.01 && conf->k <= 100.0) || !(conf->eps >= 1e-12 && conf->eps <= 1.0))
-		return gd_fail(err, GD_EARG, "non-local means: k %g (0.01 to 100), eps %g (1e-12 to 1)",
-			       conf->k, conf->eps);
+		return gd_fail(err, GD_EARG,
+			       "non-local means: k %g (0.01 to 100), eps %g (1e-12 to 1)", conf->k,
+			       conf->eps);
 	w = job->guide[0].w;
 	h = job->guide[0].h;
 	if (w < 1 || h < 1)

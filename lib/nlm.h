@@ -3,8 +3,9 @@
  * Non-local means guided by the variance: a pixel becomes the mean of the pixels of a window around
  * it, weighted by how well the patches around both agree in the guide, once the noise that its
  * variances predict is taken away (Rousselle, Knaus, Zwicker 2012, section 4; the parameters are
- * those of Back, Yoon, Moon 2018, section 4). With p the pixel, q another, o an offset in the patch:
- *	d(p,q) = min(1e7, ((g_p - g_q)^2 - v_p - min(v_p, v_q)) / (e + k^2 (v_p + v_q)))   per guide plane
+ * those of Back, Yoon, Moon 2018, section 4). With p the pixel, q another, o an offset in the
+ * patch, and d for each guide plane:
+ *	d(p,q) = min(1e7, ((g_p - g_q)^2 - v_p - min(v_p, v_q)) / (e + k^2 (v_p + v_q)))
  *	w(p,q) = exp(-max(0, mean over planes and o of d(p+o, q+o)))
  *	out_p  = sum_q w u_q / sum_q w		out_var_p = sum_q w^2 var_q / (sum_q w)^2
  * Patches and windows are cut at the image's border; e = eps times the variance of the guide plane

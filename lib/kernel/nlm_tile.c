@@ -15,8 +15,8 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
-static int load(float *to, const float *from, int n, float offset, float scale, float scale2, float lo,
-		float hi)
+static int load(float *to, const float *from, int n, float offset, float scale, float scale2,
+		float lo, float hi)
 {
 	int found = 0;
 
@@ -69,7 +69,8 @@ INLINE void distances3(float *d, const struct gd_nlm_tile *t, ptrdiff_t p, ptrdi
 
 #pragma omp simd
 	for (int x = 0; x < n; x++) {
-		float b0 = e0 + (v0[x] + r0[x]), b1 = e1 + (v1[x] + r1[x]), b2 = e2 + (v2[x] + r2[x]);
+		float b0 = e0 + (v0[x] + r0[x]), b1 = e1 + (v1[x] + r1[x]);
+		float b2 = e2 + (v2[x] + r2[x]);
 		float a0 = above(u0[x], v0[x], s0[x], r0[x], b0, far);
 		float a1 = above(u1[x], v1[x], s1[x], r1[x], b1, far);
 		float a2 = above(u2[x], v2[x], s2[x], r2[x], b2, far);
@@ -95,8 +96,8 @@ static void distance_row(const struct gd_nlm_tile *t, int y, int dx, int dy, int
 		distances3(d + lo, t, p, q, n);
 	} else {
 		for (int c = 0; c < t->nguide; c++)
-			distances(d + lo, c > 0, t->guide[c] + p, t->guide_var[c] + p, t->guide[c] + q,
-				  t->guide_var[c] + q, n, t->noise[c], t->far);
+			distances(d + lo, c > 0, t->guide[c] + p, t->guide_var[c] + p,
+				  t->guide[c] + q, t->guide_var[c] + q, n, t->noise[c], t->far);
 	}
 	for (int x = x0; x < lo; x++)
 		d[x] = 0.0f;
@@ -169,7 +170,8 @@ INLINE void add_variances(float *restrict sum, const float *restrict q, const fl
 	}
 }
 
-INLINE void add_weights(float *restrict sum, const float *restrict w, size_t stride, int count, int n)
+INLINE void add_weights(float *restrict sum, const float *restrict w, size_t stride, int count,
+			int n)
 {
 #pragma omp simd
 	for (int x = 0; x < n; x++) {
@@ -187,10 +189,11 @@ INLINE void accumulate(const struct gd_nlm_tile *t, int y, int dx, int dy, int c
 
 	add_weights(t->sum_weight + at, t->weight, t->stride, count, t->w);
 	for (int c = 0; c < t->n; c++) {
-		add_values(t->sum[c] + at, t->in[c] + at, t->in[c] + to, t->weight, t->stride, count, t->w);
+		add_values(t->sum[c] + at, t->in[c] + at, t->in[c] + to, t->weight, t->stride,
+			   count, t->w);
 		if (t->in_var[c])
-			add_variances(t->sum_var[c] + at, t->in_var[c] + to, t->weight, t->stride, count,
-				      t->w);
+			add_variances(t->sum_var[c] + at, t->in_var[c] + to, t->weight, t->stride,
+				      count, t->w);
 	}
 }
 
@@ -228,8 +231,8 @@ INLINE void next_row(const struct gd_nlm_tile *t, float *sums, int y, int dx, in
 }
 
 /*
- * Up to GD_NLM_GROUP shifts dx, dx + 1 ... of one dy go together, so that the sums of values need to be
- * loaded and stored only once for all of them.
+ * Up to GD_NLM_GROUP shifts dx, dx + 1 ... of one dy go together, so that the sums of values need
+ * to be loaded and stored only once for all of them.
  */
 INLINE void shift_sums(const struct gd_nlm_tile *t, int dx, int dy, int f, int count)
 {
@@ -257,8 +260,9 @@ INLINE void shift_sums(const struct gd_nlm_tile *t, int dx, int dy, int f, int c
 
 		for (int i = 0; i < count; i++) {
 			partners(t, dx + i, &x0, &x1);
-			weigh(t->weight + (size_t)i * stride, t, t->ring + (size_t)(i * rows) * stride,
-			      t->share + (size_t)i * stride, rows, share_y, x0, x1);
+			weigh(t->weight + (size_t)i * stride, t,
+			      t->ring + (size_t)(i * rows) * stride, t->share + (size_t)i * stride,
+			      rows, share_y, x0, x1);
 		}
 		accumulate(t, y - f, dx, dy, count);
 	}
@@ -300,7 +304,8 @@ static void mean(const struct gd_nlm_tile *t, int plane, int y, float scale, flo
 		out[x] = (in[x] + sum[x] / w[x]) * scale;
 }
 
-static void mean_var(const struct gd_nlm_tile *t, int plane, int y, float scale, float *restrict out)
+static void mean_var(const struct gd_nlm_tile *t, int plane, int y, float scale,
+		     float *restrict out)
 {
 	const size_t at = (size_t)y * t->stride;
 	const float *restrict w = t->sum_weight + at, *restrict var = t->sum_var[plane] + at;

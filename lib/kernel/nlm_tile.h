@@ -6,15 +6,15 @@
 #include "isa.h"
 #include "nlm.h"
 
-#define GD_NLM_FAR	1e7f	/* distances of pixels are cut here: one such in a patch is enough, even
-				 * with 16 planes of 33 x 33, since exp(-1e7 / 17424) is 0 */
+#define GD_NLM_FAR	1e7f	/* distances of pixels are cut here: one such in a patch is enough,
+				 * even with 16 planes of 33 x 33, since exp(-1e7 / 17424) is 0 */
 #define GD_NLM_LIMIT	1e5f	/* guides are cut here, in their own standard deviations, and their
 				 * variances at its square: products of three stay floats */
 #define GD_NLM_NOISE	1e-10f	/* the least noise, for the same reason */
 #define GD_NLM_GROUP	4	/* neighbouring shifts that are treated together */
 #define GD_NLM_BAD	1
 #define GD_NLM_HUGE	2
-#define GD_NLM_ROOM	1e33f	/* above: 65 x 65 values could add up to more than the largest float */
+#define GD_NLM_ROOM	1e33f	/* above it 65 x 65 values could exceed the largest float */
 
 /* Every pointer to pixels is that of the tile's first pixel, rows are stride floats apart. */
 struct gd_nlm_tile {
@@ -24,26 +24,29 @@ struct gd_nlm_tile {
 	size_t stride;
 	float scale, far;		/* of all distances: 1 / k^2, and GD_NLM_FAR before that */
 	float noise[GD_NLM_PLANES];	/* e / k^2 */
-	float *guide[GD_NLM_PLANES], *guide_var[GD_NLM_PLANES];	/* patch + window more pixels around */
-	float *in[GD_NLM_PLANES], *in_var[GD_NLM_PLANES];	/* window more pixels around; the
-								 * variances may be NULL */
-	float *sum[GD_NLM_PLANES], *sum_var[GD_NLM_PLANES];	/* w x h, sums of weighted values */
+	/* patch + window more pixels around */
+	float *guide[GD_NLM_PLANES], *guide_var[GD_NLM_PLANES];
+	/* window more pixels around; a variance may be NULL */
+	float *in[GD_NLM_PLANES], *in_var[GD_NLM_PLANES];
+	/* w x h, sums of weighted values */
+	float *sum[GD_NLM_PLANES], *sum_var[GD_NLM_PLANES];
 	float *sum_weight;
 	float *dist, *ring, *weight, *share;	/* scratch rows: 1, and for each shift of a group
 						 * 2 patch + 1, 1 and 1 */
 };
 
 struct gd_nlm_kernel {
-	/* to = scale * scale2 * (from - offset), cut to lo .. hi; returns GD_NLM_BAD if a value is not finite,
-	 * with GD_NLM_HUGE if one is so large that sums could overflow. */
-	int (*load)(float *to, const float *from, int n, float offset, float scale, float scale2, float lo,
-		    float hi);
+	/* to = scale * scale2 * (from - offset), cut to lo .. hi; returns GD_NLM_BAD if a value is
+	 * not finite, with GD_NLM_HUGE if one is so large that sums could overflow. */
+	int (*load)(float *to, const float *from, int n, float offset, float scale, float scale2,
+		    float lo, float hi);
 	/* Zeroes the sums and adds up all shifts of the window. */
 	void (*sums)(const struct gd_nlm_tile *t);
 	/* out = scale (centre + sum / weight) */
 	void (*mean)(const struct gd_nlm_tile *t, int plane, int y, float scale, float *out);
 	/* out_var = scale sum_var / weight^2 */
-	void (*mean_var)(const struct gd_nlm_tile *t, int plane, int y, float scale, float *out_var);
+	void (*mean_var)(const struct gd_nlm_tile *t, int plane, int y, float scale,
+			 float *out_var);
 };
 
 GD_KERNEL_TABLE(struct gd_nlm_kernel, gd_nlm_kernel);

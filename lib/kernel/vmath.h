@@ -46,7 +46,7 @@ static inline float gd_exp_core(float f)
  */
 static inline float gd_expf(float x)
 {
-	const float round = 12582912.0f;	/* 1.5 * 2^23: adding it leaves the nearest integer */
+	const float round = 12582912.0f;	/* 1.5 * 2^23: leaves the nearest integer */
 	float top = x < 88.0f ? x : 88.0f;
 	float y = top > -87.0f ? top : -87.0f;
 	float shifted = y * 1.44269504f + round;
@@ -60,8 +60,8 @@ static inline float gd_expf(float x)
 }
 
 /*
- * exp(-x) for x >= 0, as above, exactly 0 from 87 on: there the rest of the computation is nonsense,
- * which costs nothing, where a limit to x would.
+ * exp(-x) for x >= 0, as above, exactly 0 from 87 on: there the rest of the computation is
+ * nonsense, which costs nothing, where a limit to x would.
  */
 static inline float gd_expf_minus(float x)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Seconds of the prefilter on 1280x720 (or WIDTH HEIGHT), three planes: best and median of 7 runs. */
+/* Seconds of the prefilter on 1280x720 (or WIDTH HEIGHT), three planes: 7 runs. */
 #include <stdio.h>
 #include <stdlib.h>
 

@@ -53,7 +53,8 @@ static void make(struct gd_image *im, double sd)
 
 			for (int y = 0; y < SIDE; y++)
 				for (int x = 0; x < SIDE; x++)
-					gd_row(p, y)[x] = (float)(i == 0 ? 0.0 : i < 3 ? sd * normal() : sd * sd);
+					gd_row(p, y)[x] = i == 0 ? 0.0f :
+						(float)(i < 3 ? sd * normal() : sd * sd);
 		}
 }
 

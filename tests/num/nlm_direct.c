@@ -15,7 +15,8 @@
 /* n planes of w x h with all that a job needs. */
 struct problem {
 	int w, h, nguide, n;
-	struct gd_plane guide[MAX_PLANES], guide_var[MAX_PLANES], in[MAX_PLANES], in_var[MAX_PLANES];
+	struct gd_plane guide[MAX_PLANES], guide_var[MAX_PLANES];
+	struct gd_plane in[MAX_PLANES], in_var[MAX_PLANES];
 	struct gd_plane out[MAX_PLANES], out_var[MAX_PLANES];
 	float *block;
 };
@@ -45,7 +46,8 @@ static void build(struct problem *p, int w, int h, int nguide, int n)
 	p->block = gd_calloc(6 * MAX_PLANES * size, sizeof(float));
 	assert_non_null(p->block);
 	for (int i = 0; i < 6 * MAX_PLANES; i++)
-		group[i / MAX_PLANES][i % MAX_PLANES] = gd_plane_of(p->block + (size_t)i * size, w, h);
+		group[i / MAX_PLANES][i % MAX_PLANES] =
+			gd_plane_of(p->block + (size_t)i * size, w, h);
 }
 
 /* Edges, a ramp and noise whose variance changes over the image, 0 in some columns. */
@@ -57,7 +59,8 @@ static void fill(struct problem *p, double scale)
 				double truth = (x / 7 + y / 5) % 3 + 0.02 * x + 0.3 * c;
 				double sd = x % 16 == 3 ? 0.0 : 0.1 + 0.2 * (y % 11) / 11.0;
 
-				gd_row(p->guide[c], y)[x] = (float)(scale * (truth + sd * normal()));
+				gd_row(p->guide[c], y)[x] =
+					(float)(scale * (truth + sd * normal()));
 				gd_row(p->guide_var[c], y)[x] = (float)(scale * scale * sd * sd);
 				gd_row(p->in[c], y)[x] = (float)(scale * (truth + sd * normal()));
 				gd_row(p->in_var[c], y)[x] = (float)(scale * scale * sd * sd);
@@ -110,7 +113,8 @@ static double weight(const struct problem *p, const struct gd_nlm_conf *conf, co
 			if (!inside(p, ax, ay) || !inside(p, bx, by))
 				continue;
 			for (int c = 0; c < p->nguide; c++) {
-				double a = gd_row(p->guide[c], ay)[ax], b = gd_row(p->guide[c], by)[bx];
+				double a = gd_row(p->guide[c], ay)[ax];
+				double b = gd_row(p->guide[c], by)[bx];
 				double va = 0.0, vb = 0.0;
 
 				if (p->guide_var[c].v) {
@@ -126,11 +130,12 @@ static double weight(const struct problem *p, const struct gd_nlm_conf *conf, co
 }
 
 /* |a - b| against a tolerance that says which pixel fails. */
-static void close_to(const char *what, int c, int x, int y, double found, double wanted, double tolerance)
+static void close_to(const char *what, int c, int x, int y, double found, double wanted,
+		     double tolerance)
 {
 	if (!(fabs(found - wanted) <= tolerance))
-		fail_msg("%s %d at (%d, %d): %.9g, expected %.9g (+- %.3g)", what, c, x, y, found, wanted,
-			 tolerance);
+		fail_msg("%s %d at (%d, %d): %.9g, expected %.9g (+- %.3g)", what, c, x, y, found,
+			 wanted, tolerance);
 }
 
 /*
@@ -165,7 +170,8 @@ static void compare(const struct problem *p, const struct gd_nlm_conf *conf, dou
 				close_to("mean", c, x, y, gd_row(p->out[c], y)[x], su[c] / sw,
 					 1e-4 * scale);
 				close_to("variance", c, x, y, gd_row(p->out_var[c], y)[x],
-					 sv[c] / (sw * sw), 2e-4 * sv[c] / (sw * sw) + 1e-12 * scale * scale);
+					 sv[c] / (sw * sw),
+					 2e-4 * sv[c] / (sw * sw) + 1e-12 * scale * scale);
 			}
 		}
 }
@@ -178,7 +184,8 @@ static void check(int w, int h, int nguide, int n, struct gd_nlm_conf conf, doub
 	state = (uint32_t)(w * 1000 + h);
 	build(&p, w, h, nguide, n);
 	fill(&p, scale);
-	struct gd_nlm_job job = { nguide, n, p.guide, p.guide_var, p.in, p.in_var, p.out, p.out_var };
+	struct gd_nlm_job job = { nguide, n, p.guide, p.guide_var,
+				  p.in, p.in_var, p.out, p.out_var };
 
 	if (gd_nlm_run(&job, &conf, NULL, &err) != GD_OK)
 		fail_msg("%s", err.text);

@@ -17,8 +17,8 @@
 /* Repeatable noise of variance 1 that depends on all its arguments. */
 static double noise(int x, int y, int c, int stream)
 {
-	uint32_t s = (uint32_t)x * 374761393u + (uint32_t)y * 668265263u + (uint32_t)c * 2246822519u +
-		     (uint32_t)stream * 3266489917u;
+	uint32_t s = (uint32_t)x * 374761393u + (uint32_t)y * 668265263u +
+		     (uint32_t)c * 2246822519u + (uint32_t)stream * 3266489917u;
 
 	s = (s ^ (s >> 13)) * 1274126177u;
 	s = (s ^ (s >> 16)) * 2654435761u;
@@ -63,8 +63,10 @@ static void fill_set(struct gd_image *im, const struct scene *s, const char *col
 		for (int y = 0; y < s->h; y++)
 			for (int x = 0; x < s->w; x++) {
 				double u = truth(x, y, c) + 3.0 * sd * noise(x, y, c, 3 * bin);
-				double a = truth(x + 1, y, c) - truth(x, y, c) + sd * noise(x, y, c, 3 * bin + 1);
-				double b = truth(x, y + 1, c) - truth(x, y, c) + sd * noise(x, y, c, 3 * bin + 2);
+				double a = truth(x + 1, y, c) - truth(x, y, c) +
+					   sd * noise(x, y, c, 3 * bin + 1);
+				double b = truth(x, y + 1, c) - truth(x, y, c) +
+					   sd * noise(x, y, c, 3 * bin + 2);
 				int i = s->transposed ? y : x, j = s->transposed ? x : y;
 
 				gd_row(p, j)[i] = (float)(s->scale * u);
@@ -93,7 +95,8 @@ static struct gd_feature_result run(struct gd_image *im, const struct gd_feature
 	struct gd_feature_result res;
 	struct gd_err err = { 0 };
 
-	if (gd_feature_want(im, conf, &err) != GD_OK || gd_feature_run(im, conf, &res, NULL, &err) != GD_OK)
+	if (gd_feature_want(im, conf, &err) != GD_OK ||
+	    gd_feature_run(im, conf, &res, NULL, &err) != GD_OK)
 		fail_msg("%s", err.text);
 	return res;
 }
@@ -110,7 +113,8 @@ static struct gd_plane plane(const struct gd_image *im, const char *name)
 static void close_to(const char *what, int x, int y, double found, double wanted, double tolerance)
 {
 	if (!(fabs(found - wanted) <= tolerance))
-		fail_msg("%s at (%d, %d): %.9g, expected %.9g (+- %.3g)", what, x, y, found, wanted, tolerance);
+		fail_msg("%s at (%d, %d): %.9g, expected %.9g (+- %.3g)", what, x, y, found, wanted,
+			 tolerance);
 }
 
 static void all_finite(const struct gd_image *im)
@@ -153,7 +157,8 @@ static void exact_gradients_give_the_image(void **unused)
 				p = plane(&im, name);
 				for (int y = 0; y < s.h; y++)
 					for (int x = 0; x < s.w; x++)
-						close_to(name, x, y, gd_row(p, y)[x], truth(x, y, c), 1e-3);
+						close_to(name, x, y, gd_row(p, y)[x],
+							 truth(x, y, c), 1e-3);
 			}
 		gd_image_free(&im);
 	}
@@ -204,11 +209,12 @@ static void noise_falls_from_halves_to_whole_to_filtered(void **unused)
 	assert_true(run(&im, &conf).filtered);
 	for (int i = 0; i < 3; i++)
 		if (!(error_of(&im, layers[i], &s) < 0.95 * raw[i]))
-			fail_msg("%s: error %g filtered, %g before", layers[i], error_of(&im, layers[i], &s), raw[i]);
+			fail_msg("%s: error %g filtered, %g before", layers[i],
+				 error_of(&im, layers[i], &s), raw[i]);
 	gd_image_free(&im);
 }
 
-/* The half of the even bins must not change with the odd ones, except through the filter's weights. */
+/* The half of the even bins must not change with the odd ones, unless by the filter's weights. */
 static void halves_are_independent(void **unused)
 {
 	struct scene s = { .w = 40, .h = 30, .bins = 6, .sd = 0.2, .scale = 1.0 };
@@ -229,8 +235,10 @@ static void halves_are_independent(void **unused)
 	for (int y = 0; y < s.h; y++) {
 		const size_t row = (size_t)s.w * sizeof(float);
 
-		assert_memory_equal(gd_row(plane(&a, "half0.feature.R"), y), gd_row(plane(&b, "half0.feature.R"), y), row);
-		assert_memory_equal(gd_row(plane(&a, "half0.R"), y), gd_row(plane(&b, "half0.R"), y), row);
+		assert_memory_equal(gd_row(plane(&a, "half0.feature.R"), y),
+				    gd_row(plane(&b, "half0.feature.R"), y), row);
+		assert_memory_equal(gd_row(plane(&a, "half0.R"), y),
+				    gd_row(plane(&b, "half0.R"), y), row);
 	}
 	gd_image_free(&b);
 	gd_image_free(&a);
@@ -257,10 +265,12 @@ static void colour_halves_have_mean_and_variance_of_their_bins(void **unused)
 				b[i] = gd_row(plane(&im, name), y)[x];
 			}
 			mean = (b[0] + b[2] + b[4]) / 3.0;
-			var = (pow(b[0] - mean, 2) + pow(b[2] - mean, 2) + pow(b[4] - mean, 2)) / 6.0;
+			var = (pow(b[0] - mean, 2) + pow(b[2] - mean, 2) + pow(b[4] - mean, 2)) /
+			      6.0;
 			close_to("half0", x, y, gd_row(plane(&im, "half0.G"), y)[x], mean, 1e-5);
-			close_to("half0.variance", x, y, gd_row(plane(&im, "half0.variance.G"), y)[x], var, 1e-5);
-			if (x == 6 && y == 4)	/* one bin is left in this half: the spread comes from all four */
+			close_to("half0.variance", x, y,
+				 gd_row(plane(&im, "half0.variance.G"), y)[x], var, 1e-5);
+			if (x == 6 && y == 4)	/* one bin is left in this half */
 				mean = b[3];
 			else
 				mean = (b[1] + b[3]) / 2.0;
@@ -311,7 +321,8 @@ static void scale_goes_through(void **unused)
 			snprintf(name, sizeof name, "%s.G", layers[i]);
 			for (int y = 0; y < s.h; y++)
 				for (int x = 0; x < s.w; x++)
-					close_to(name, x, y, gd_row(plane(&b, name), y)[x] / scale[k],
+					close_to(name, x, y,
+						 gd_row(plane(&b, name), y)[x] / scale[k],
 						 gd_row(plane(&a, name), y)[x], 5e-3);
 		}
 		gd_image_free(&b);
@@ -339,7 +350,8 @@ static void transpose_goes_through(void **unused)
 		snprintf(name, sizeof name, "%s.B", layers[i]);
 		for (int y = 0; y < s.h; y++)
 			for (int x = 0; x < s.w; x++)
-				close_to(name, x, y, gd_row(plane(&b, name), x)[y], gd_row(plane(&a, name), y)[x], 5e-3);
+				close_to(name, x, y, gd_row(plane(&b, name), x)[y],
+					 gd_row(plane(&a, name), y)[x], 5e-3);
 	}
 	gd_image_free(&b);
 	gd_image_free(&a);
@@ -379,7 +391,7 @@ static void hostile_pixels(void **unused)
 	(void)unused;
 	for (int k = 0; k < 7; k++) {
 		make(&im, &s);
-		for (int i = 0; i < im.nchan; i++) {	/* a pixel of each channel, and a row of some */
+		for (int i = 0; i < im.nchan; i++) {	/* a pixel of each, a row of some */
 			struct gd_plane p = plane(&im, im.chan[i].name);
 
 			gd_row(p, (i * 5) % s.h)[(i * 7) % s.w] = evil[k];
@@ -400,7 +412,8 @@ static void small_and_empty(void **unused)
 
 	(void)unused;
 	for (int k = 0; k < 5; k++) {
-		struct scene s = { .w = size[k][0], .h = size[k][1], .bins = 2 + k % 2, .sd = 0.1, .scale = 1.0 };
+		struct scene s = { .w = size[k][0], .h = size[k][1], .bins = 2 + k % 2,
+				   .sd = 0.1, .scale = 1.0 };
 
 		make(&im, &s);
 		run(&im, &conf);

@@ -33,7 +33,8 @@ static void frame_new(struct frame *f, int w, int h)
 /* Repeatable noise in -1 .. 1 that depends on the coordinates alone. */
 static double noise(int x, int y, int c)
 {
-	uint32_t s = (uint32_t)x * 374761393u + (uint32_t)y * 668265263u + (uint32_t)c * 2246822519u;
+	uint32_t s =
+		(uint32_t)x * 374761393u + (uint32_t)y * 668265263u + (uint32_t)c * 2246822519u;
 
 	s = (s ^ (s >> 13)) * 1274126177u;
 	s = (s ^ (s >> 16)) * 2654435761u;
@@ -48,7 +49,8 @@ static void fill(struct frame *f, double scale)
 				double sd = 0.1 + 0.02 * ((x + y) % 7);
 				double truth = (x / 9 + y / 6) % 3;
 
-				gd_row(f->u[c], y)[x] = (float)(scale * (truth + 1.7 * sd * noise(x, y, c)));
+				gd_row(f->u[c], y)[x] =
+					(float)(scale * (truth + 1.7 * sd * noise(x, y, c)));
 				gd_row(f->v[c], y)[x] = (float)(scale * scale * sd * sd);
 			}
 }
@@ -75,15 +77,17 @@ static void all_finite(const struct frame *f)
 				float u = gd_row(f->out[c], y)[x], v = gd_row(f->out_var[c], y)[x];
 
 				if (!isfinite(u) || !isfinite(v) || v < 0.0f)
-					fail_msg("plane %d at (%d, %d): %g, variance %g", c, x, y, u, v);
+					fail_msg("plane %d at (%d, %d): %g, variance %g", c, x, y,
+						 u, v);
 			}
 }
 
-static void close_to(const char *what, int c, int x, int y, double found, double wanted, double tolerance)
+static void close_to(const char *what, int c, int x, int y, double found, double wanted,
+		     double tolerance)
 {
 	if (!(fabs(found - wanted) <= tolerance))
-		fail_msg("%s %d at (%d, %d): %.9g, expected %.9g (+- %.3g)", what, c, x, y, found, wanted,
-			 tolerance);
+		fail_msg("%s %d at (%d, %d): %.9g, expected %.9g (+- %.3g)", what, c, x, y, found,
+			 wanted, tolerance);
 }
 
 static void constants_stay(void **unused)
@@ -107,8 +111,8 @@ static void constants_stay(void **unused)
 					for (int x = 0; x < 140; x++)
 						assert_true(gd_row(f.out[c], y)[x] == value[i]);
 			/* all 121 pixels of an inner window weigh the same */
-			close_to("variance", 0, 70, 18, gd_row(f.out_var[0], 18)[70], noisy ? 0.5 / 121 : 0.0,
-				 1e-8);
+			close_to("variance", 0, 70, 18, gd_row(f.out_var[0], 18)[70],
+				 noisy ? 0.5 / 121 : 0.0, 1e-8);
 		}
 	free(f.block);
 }
@@ -141,7 +145,8 @@ static void noise_goes_edges_stay(void **unused)
 	for (int c = 0; c < N; c++)
 		for (int y = 0; y < 60; y++)
 			for (int x = 0; x < 90; x++) {
-				gd_row(f.u[c], y)[x] = (float)((x / 30 + y / 20) % 3 + 0.3 * noise(x, y, c));
+				gd_row(f.u[c], y)[x] =
+					(float)((x / 30 + y / 20) % 3 + 0.3 * noise(x, y, c));
 				gd_row(f.v[c], y)[x] = 0.03f;	/* that of the noise: 0.3^2 / 3 */
 			}
 	filter(&f);
@@ -199,7 +204,8 @@ static void scale_goes_through(void **unused)
 		filter(&b);
 		for (int y = 0; y < 47; y++)
 			for (int x = 0; x < 61; x++) {
-				assert_true(gd_row(b.out[0], y)[x] == ldexpf(gd_row(a.out[0], y)[x], e));
+				assert_true(gd_row(b.out[0], y)[x] ==
+					    ldexpf(gd_row(a.out[0], y)[x], e));
 				assert_true(gd_row(b.out_var[0], y)[x] ==
 					    ldexpf(gd_row(a.out_var[0], y)[x], 2 * e));
 			}
@@ -208,8 +214,8 @@ static void scale_goes_through(void **unused)
 	filter(&b);
 	for (int y = 0; y < 47; y++)
 		for (int x = 0; x < 61; x++)
-			close_to("mean", 0, x, y, gd_row(b.out[0], y)[x] / 1234.5, gd_row(a.out[0], y)[x],
-				 2e-5);
+			close_to("mean", 0, x, y, gd_row(b.out[0], y)[x] / 1234.5,
+				 gd_row(a.out[0], y)[x], 2e-5);
 	free(b.block);
 	free(a.block);
 }
@@ -267,9 +273,10 @@ static void mirror_transpose_and_order_of_planes(void **unused)
 			for (int x = 0; x < w; x++) {
 				double wanted = gd_row(a.out[c], y)[x];
 
-				close_to("mirrored", c, x, y, gd_row(b.out[N - 1 - c], y)[w - 1 - x], wanted,
+				close_to("mirrored", c, x, y,
+					 gd_row(b.out[N - 1 - c], y)[w - 1 - x], wanted, 2e-5);
+				close_to("transposed", c, x, y, gd_row(t.out[c], x)[y], wanted,
 					 2e-5);
-				close_to("transposed", c, x, y, gd_row(t.out[c], x)[y], wanted, 2e-5);
 			}
 	free(t.block);
 	free(b.block);
@@ -371,7 +378,7 @@ static void nothing_but_bad_pixels(void **unused)
 
 static void fireflies(void **unused)
 {
-	const float u[] = { 1e30f, -1e30f, 3.4e38f, 1e20f }, v[] = { 0.0f, 1e38f, INFINITY, 1e-30f };
+	const float u[] = {1e30f, -1e30f, 3.4e38f, 1e20f}, v[] = {0.0f, 1e38f, INFINITY, 1e-30f};
 	struct frame f;
 
 	(void)unused;
