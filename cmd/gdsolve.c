@@ -43,35 +43,43 @@ static void drop_used(struct gd_image *im)
 	gd_family_want(im, "half", GD_DROP);
 }
 
-static int need(struct job *job, const char *layer, const char *channel, struct gd_err *err)
+/* The first of prefix.R, .G, .B that the image lacks. */
+static const char *lacking(const struct gd_image *im, const char *prefix, char name[32])
 {
-	if (gd_layer_want(&job->im, layer, GD_READ))
-		return GD_OK;
-	return gd_fail(err, GD_ESHAPE, "no channel %s", channel);
+	for (const char *c = "RGB"; *c; c++) {
+		snprintf(name, 32, "%s%c", prefix, *c);
+		if (gd_image_find(im, name) < 0)
+			break;
+	}
+	return name;
 }
 
 static int choose_channels(struct job *job, struct gd_err *err)
 {
 	const bool screened = job->conf.method == GD_L2 || job->conf.method == GD_L1;
-	int rc;
+	struct gd_image *im = &job->im;
+	char name[32];
 
 	if (!job->keep && !*job->layer)
-		drop_used(&job->im);
-	rc = need(job, "dx", "dx.R", err);
-	if (rc == GD_OK)
-		rc = need(job, "dy", "dy.R", err);
-	if (rc == GD_OK && !gd_layer_want(&job->im, "", GD_READ)) {
+		drop_used(im);
+	if (!gd_layer_want(im, "dx", GD_READ))
+		return gd_fail(err, GD_ESHAPE, "no channel %s", lacking(im, "dx.", name));
+	if (!gd_layer_want(im, "dy", GD_READ))
+		return gd_fail(err, GD_ESHAPE, "no channel %s", lacking(im, "dy.", name));
+	if (!gd_layer_want(im, "", GD_READ)) {
 		if (screened)
-			return gd_fail(err, GD_ESHAPE, "no channel R, which --method %s needs", job->method);
-		gd_cli_warn(&job->cli, "%s: no channel R: the mean of the result is 0", job->cli.input);
+			return gd_fail(err, GD_ESHAPE, "no channel %s, which --method %s needs", lacking(im, "", name),
+				       job->method);
+		gd_cli_warn(&job->cli, "%s: no channel %s: the mean of the result is 0", job->cli.input,
+			    lacking(im, "", name));
 	}
-	if (rc == GD_OK && job->conf.method == GD_WLS) {
-		if (!gd_layer_want_variance(&job->im, "dx", GD_READ))
-			return gd_fail(err, GD_ESHAPE, "no channel dx.variance.R, which --method wls needs");
-		if (!gd_layer_want_variance(&job->im, "dy", GD_READ))
-			return gd_fail(err, GD_ESHAPE, "no channel dy.variance.R, which --method wls needs");
-	}
-	return rc;
+	if (job->conf.method == GD_WLS && !gd_layer_want_variance(im, "dx", GD_READ))
+		return gd_fail(err, GD_ESHAPE, "no channel %s, which --method wls needs",
+			       lacking(im, "dx.variance.", name));
+	if (job->conf.method == GD_WLS && !gd_layer_want_variance(im, "dy", GD_READ))
+		return gd_fail(err, GD_ESHAPE, "no channel %s, which --method wls needs",
+			       lacking(im, "dy.variance.", name));
+	return GD_OK;
 }
 
 static int collect(struct job *job, struct gd_err *err)
