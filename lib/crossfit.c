@@ -30,7 +30,7 @@ struct stage {
 };
 
 #define NARROW	{ .window = 3, .patch = 1, .k = 0.8, .eps = 1e-6, .ridge = 1e-3 }
-#define WIDE	{ .window = 7, .patch = 2, .k = 0.5, .eps = 1e-6, .ridge = 1e-3 }
+#define WIDE	{ .window = 6, .patch = 2, .k = 0.5, .eps = 1e-6, .ridge = 1e-3 }
 
 static const struct stage with_feature[] = {
 	{ NARROW, 2, { { true, false, 10, 5, 1 }, { true, true, 10, 5, 1 } } },
@@ -86,6 +86,12 @@ static int compare(const void *a, const void *b)
 
 #define SAMPLES 128	/* per axis, for percentiles */
 
+/* The k-th of n places spread evenly over size pixels. */
+static int place(int k, int n, int size)
+{
+	return (int)((2 * (long)k + 1) * size / (2 * n));
+}
+
 /* Values of p at up to SAMPLES^2 places spread evenly, sorted. Returns how many. */
 static int sample(float *v, struct gd_plane p)
 {
@@ -93,7 +99,7 @@ static int sample(float *v, struct gd_plane p)
 
 	for (int j = 0; j < ny; j++)
 		for (int i = 0; i < nx; i++)
-			v[n++] = gd_row(p, (int)((2 * (long)j + 1) * p.h / (2 * ny)))[(2 * (long)i + 1) * p.w / (2 * nx)];
+			v[n++] = gd_row(p, place(j, ny, p.h))[place(i, nx, p.w)];
 	qsort(v, (size_t)n, sizeof *v, compare);
 	return n;
 }
@@ -137,8 +143,8 @@ static int pilot_variance(struct gd_plane var[3], struct gd_plane spare, const s
 			for (int x = 0; x < var[c].w; x++) {
 				double d = (double)gd_row(in->y[0][c], y)[x] - (double)gd_row(in->y[1][c], y)[x];
 
-				gd_row(var[c], y)[x] = to_float(in->var[c].v ? 2 * (double)gd_row(in->var[c], y)[x] :
-									       d * d / 2);
+				gd_row(var[c], y)[x] = to_float(in->var[c].v ?
+								2 * (double)gd_row(in->var[c], y)[x] : d * d / 2);
 			}
 	}
 	return smooth(var, 3, spare, in->var[0].v ? 3 : 7, err);
@@ -196,13 +202,12 @@ static double luminance(const struct gd_plane *rgb, int x, int y)
 static double level_of(const struct gd_plane *rgb, float *v)
 {
 	struct gd_plane p = rgb[0];
-	int n = 0;
+	int nx = p.w < SAMPLES ? p.w : SAMPLES, ny = p.h < SAMPLES ? p.h : SAMPLES, n = 0;
 	double sum = 0;
 
-	for (int j = 0; j < SAMPLES && j < p.h; j++)
-		for (int i = 0; i < SAMPLES && i < p.w; i++)
-			v[n++] = to_float(luminance(rgb, p.w <= SAMPLES ? i : (int)((2 * (long)i + 1) * p.w / (2 * SAMPLES)),
-						    p.h <= SAMPLES ? j : (int)((2 * (long)j + 1) * p.h / (2 * SAMPLES))));
+	for (int j = 0; j < ny; j++)
+		for (int i = 0; i < nx; i++)
+			v[n++] = to_float(luminance(rgb, place(i, nx, p.w), place(j, ny, p.h)));
 	qsort(v, (size_t)n, sizeof *v, compare);
 	for (int i = 0; i < n; i++)
 		sum += (double)v[i < n - 1 - n / 100 ? i : n - 1 - n / 100];

@@ -63,7 +63,10 @@ static bool has_halves(const struct gd_image *im, const char *layer, int n)
 	       gd_layer_find(im, part_name(name, "half", 1, layer)).n == n;
 }
 
-/* Lists the features: those named, or all of the known ones that the file has. */
+/*
+ * Lists the features: those named, or the known ones that the file has but for P: with depth, normal and the
+ * polynomial of the pixel position there, world positions did not lower any error measured (by 1 %, either way).
+ */
 static int choose_features(struct job *job, struct gd_err *err)
 {
 	const char *list = job->conf->features;
@@ -73,7 +76,7 @@ static int choose_features(struct job *job, struct gd_err *err)
 	if (strcmp(list, "auto"))
 		return split(&job->features, list, err);
 	for (size_t i = 0; i < sizeof known / sizeof *known; i++)
-		if (gd_layer_find(job->im, known[i]).n)
+		if (strcmp(known[i], "P") != 0 && gd_layer_find(job->im, known[i]).n)
 			job->features.name[job->features.n++] = known[i];
 	return GD_OK;
 }
