@@ -409,13 +409,15 @@ static double worst(const struct gd_mg *mg, const double *rz, const double *rz0)
 
 /*
  * Rounding bounds what can be reached: when the residual has grown far beyond the least, the recursion has
- * lost touch with the true residual, and going on would diverge.
+ * lost touch with the true residual, and going on would diverge. The cycle that finds the residual small
+ * enough is also the next correction, and always a good one by itself.
  */
 static struct gd_mg_result iterate(struct gd_mg *mg, double tolerance, int max_iterations, bool fresh)
 {
 	const struct gd_mg_level *l = &mg->level[0];
 	const struct gd_mg_kernels *k = mg->k;
 	struct gd_mg_result result = { 0, 0 };
+	const double one[3] = { 1, 1, 1 };
 	double rz[3], old[3], beta[3] = { 0 }, alpha[3], pq[3], least = HUGE_VAL;
 
 	for (;;) {
@@ -425,8 +427,12 @@ static struct gd_mg_result iterate(struct gd_mg *mg, double tolerance, int max_i
 			memcpy(mg->reference, rz, sizeof(rz));
 		result.residual = worst(mg, rz, mg->reference);
 		least = fmin(least, result.residual);
-		if (!(result.residual > tolerance) || result.residual > GROWTH * least ||
-		    result.iterations >= max_iterations)
+		if (!(result.residual > tolerance)) {
+			FOR_ROWS(l, y)
+				k->step(mg->x, l->z, l, mg->n, one, y);
+			return result;
+		}
+		if (result.residual > GROWTH * least || result.iterations >= max_iterations)
 			return result;
 		for (int c = 0; c < mg->n; c++)
 			beta[c] = result.iterations > 0 && old[c] > 0 ? rz[c] / old[c] : 0;

@@ -44,7 +44,7 @@ void *gd_mg_spare(const struct gd_mg *mg);	/* n planes */
 void gd_mg_setup(struct gd_mg *mg);
 
 /*
- * Adds the solution of A x = r to x; r is left as the residual of the recursion. Stops when
+ * Adds the solution of A x = r to x; r is used up. Stops when
  * sqrt(r'Mr) (the error in the energy norm, nearly) has fallen by tolerance for every right-hand side, or when
  * rounding does not let it.
  */

@@ -17,7 +17,7 @@
 				/* rounding inside it outweighs the pull that sets its constant */
 #define WIDE_TOLERANCE 1e-9	/* of what double is needed for: the energy norm hardly sees such constants */
 #define RESTARTS 10		/* from the true residual, where rounding stops the recursion */
-#define L1_STEP 0.05	/* relative residual of each reweighted system: the next one has other weights anyway */
+#define L1_STEP 0.1	/* relative residual of each reweighted system: the next one has other weights anyway */
 #define L1_FIRST 0.05	/* regularisation of the weights, of the typical brightness */
 #define L1_LAST 5e-3
 

@@ -20,7 +20,7 @@ static void draw_few(float *const *count, int bins, struct gd_rng_key key, uint3
 {
 	uint32_t packed[BLOCK];
 
-	memset(packed, 0, sizeof(packed));
+	memset(packed, 0, (size_t)w * sizeof(*packed));
 	for (int j = 0; j < bins; j += 2) {
 		const uint32_t second = j + 1 < bins;
 
@@ -33,11 +33,13 @@ static void draw_few(float *const *count, int bins, struct gd_rng_key key, uint3
 	}
 	for (int b = 0; b < bins; b++)
 		for (int x = 0; x < w; x++)
-			count[b][x] += (float)(int)(packed[x] >> (4 * b) & 15);
+			count[b][x] = (float)(int)(packed[x] >> (4 * b) & 15);
 }
 
 static void draw_many(float *const *count, int bins, struct gd_rng_key key, uint32_t index, int w)
 {
+	for (int b = 0; b < bins; b++)
+		memset(count[b], 0, (size_t)w * sizeof(**count));
 	for (int x = 0; x < w; x++)
 		for (int j = 0; j < bins; j += 2) {
 			uint32_t word = gd_rng_u32(key, index + (uint32_t)x, (uint32_t)j / 2);
@@ -62,11 +64,13 @@ static void draw(float *const *count, int bins, struct gd_rng_key key, uint32_t 
 	}
 }
 
-/* Scaled values of one plane's bins; returns how many are not finite, left as NaN. */
-static int load(float (*restrict buf)[BLOCK], const struct gd_boot_rows *rows, int plane, int x0, float scale, int n)
+/* Scaled values of one plane's bins and their sum; returns how many are not finite or beyond the limit. */
+static int load(float (*restrict buf)[BLOCK], float *restrict sum, const struct gd_boot_rows *rows, int plane, int x0,
+		float scale, int n)
 {
 	int bad = 0;
 
+	memset(sum, 0, (size_t)n * sizeof(*sum));
 	for (int b = 0; b < rows->bins; b++) {
 		const float *restrict in = rows->bin[b][plane] + x0;
 		float *restrict out = buf[b];
@@ -74,16 +78,20 @@ static int load(float (*restrict buf)[BLOCK], const struct gd_boot_rows *rows, i
 		for (int x = 0; x < n; x++) {
 			float v = in[x] * scale;
 
-			bad += !(fabsf(in[x]) <= FLT_MAX);
-			v = v > LIMIT ? LIMIT : v;
-			out[x] = v < -LIMIT ? -LIMIT : v;
+			bad += !(fabsf(v) <= LIMIT);
+			out[x] = v;
+			sum[x] += v;
 		}
 	}
 	return bad;
 }
 
-/* Puts the mean of the finite bins in place of the others; without any, 0, and var becomes infinite. */
-static void mend(float (*restrict buf)[BLOCK], const struct gd_boot_rows *rows, int plane, int x0, float *var, int n)
+/*
+ * Limits what is too large, and puts the mean of the finite bins in place of the others; without any, 0, and
+ * var becomes infinite.
+ */
+static void mend(float (*restrict buf)[BLOCK], float *restrict total, const struct gd_boot_rows *rows, int plane,
+		 int x0, float *restrict var, int n)
 {
 	for (int x = 0; x < n; x++) {
 		float sum = 0;
@@ -91,6 +99,8 @@ static void mend(float (*restrict buf)[BLOCK], const struct gd_boot_rows *rows, 
 
 		for (int b = 0; b < rows->bins; b++)
 			if (fabsf(rows->bin[b][plane][x0 + x]) <= FLT_MAX) {
+				buf[b][x] = buf[b][x] < LIMIT ? buf[b][x] : LIMIT;
+				buf[b][x] = buf[b][x] > -LIMIT ? buf[b][x] : -LIMIT;
 				sum += buf[b][x];
 				good++;
 			}
@@ -99,6 +109,7 @@ static void mend(float (*restrict buf)[BLOCK], const struct gd_boot_rows *rows, 
 		for (int b = 0; b < rows->bins; b++)
 			if (!(fabsf(rows->bin[b][plane][x0 + x]) <= FLT_MAX))
 				buf[b][x] = good ? sum / (float)good : 0;
+		total[x] = good ? sum / (float)good * (float)rows->bins : 0;
 	}
 }
 
@@ -108,24 +119,52 @@ static inline float tame(float v)
 	return v > -TAME ? v : -TAME;
 }
 
-/* Mean of the bins by their counts (1 if NULL), and the sum of squares about it added to square. */
-static void moments(float *restrict mean, float *restrict square, float (*restrict buf)[BLOCK],
-		    float (*restrict count)[BLOCK], int bins, int n)
+/*
+ * By deviations d from the mean without draws, which is total / bins: mean of the draws, sum of squares about
+ * it added to square, that about the plain mean added to plain. The drawn mean is near the plain one, so
+ * sum c d^2 - (sum c d)^2 / bins hardly cancels.
+ */
+static void moments(float *restrict mean, float *restrict square, float *restrict plain, float *restrict total,
+		    float (*restrict buf)[BLOCK], float (*restrict count)[BLOCK], int bins, int n)
+{
+	const float part = 1.0f / (float)bins;
+	float first[BLOCK], second[BLOCK];
+
+	memset(first, 0, (size_t)n * sizeof(*first));
+	memset(second, 0, (size_t)n * sizeof(*second));
+	for (int x = 0; x < n; x++)
+		total[x] *= part;
+	for (int b = 0; b < bins; b++) {
+		const float *restrict v = buf[b], *restrict c = count[b];
+
+		for (int x = 0; x < n; x++) {
+			float d = tame(v[x] - total[x]), cd = c[x] * d;
+
+			first[x] += cd;
+			second[x] += cd * d;
+			plain[x] += d * d;
+		}
+	}
+	for (int x = 0; x < n; x++) {
+		float s = second[x] - first[x] * first[x] * part;
+
+		mean[x] = total[x] + first[x] * part;
+		square[x] += s > 0 ? s : 0;
+	}
+}
+
+static void plain_moments(float *restrict mean, float *restrict square, float *restrict total,
+			  float (*restrict buf)[BLOCK], int bins, int n)
 {
 	const float part = 1.0f / (float)bins;
 
 	for (int x = 0; x < n; x++)
-		mean[x] = 0;
-	for (int b = 0; b < bins; b++)
-		for (int x = 0; x < n; x++)
-			mean[x] += (count ? count[b][x] : 1.0f) * buf[b][x];
-	for (int x = 0; x < n; x++)
-		mean[x] *= part;
+		mean[x] = total[x] * part;
 	for (int b = 0; b < bins; b++)
 		for (int x = 0; x < n; x++) {
 			float d = tame(buf[b][x] - mean[x]);
 
-			square[x] += (count ? count[b][x] : 1.0f) * d * d;
+			square[x] += d * d;
 		}
 }
 
@@ -134,27 +173,26 @@ static void resample_block(float *const *v, float *restrict var, const struct gd
 {
 	const int bins = rows->bins;
 	const float unit = bins > 1 ? 1.0f / ((float)bins * (float)(bins - 1) * (float)rows->planes) : 0;
-	float buf[GD_BOOT_ROW_BINS][BLOCK], count[GD_BOOT_ROW_BINS][BLOCK], square[BLOCK], plain[BLOCK], mean[BLOCK];
-	float lost[BLOCK];
+	float buf[GD_BOOT_ROW_BINS][BLOCK], count[GD_BOOT_ROW_BINS][BLOCK];
+	float square[BLOCK], plain[BLOCK], lost[BLOCK], total[BLOCK];
 
+	memset(square, 0, (size_t)n * sizeof(*square));
+	memset(plain, 0, (size_t)n * sizeof(*plain));
+	memset(lost, 0, (size_t)n * sizeof(*lost));
 	if (key) {
 		float *part[GD_BOOT_ROW_BINS];
 
-		for (int b = 0; b < bins; b++) {
+		for (int b = 0; b < bins; b++)
 			part[b] = count[b];
-			memset(part[b], 0, sizeof(count[b]));
-		}
 		draw(part, bins, *key, index + (uint32_t)x0, n);
 	}
-	memset(square, 0, sizeof(square));
-	memset(plain, 0, sizeof(plain));
-	memset(lost, 0, sizeof(lost));
 	for (int k = 0; k < rows->planes; k++) {
-		if (load(buf, rows, k, x0, scale, n))
-			mend(buf, rows, k, x0, lost, n);
-		moments(v[k] + x0, square, buf, key ? count : NULL, bins, n);
+		if (load(buf, total, rows, k, x0, scale, n))
+			mend(buf, total, rows, k, x0, lost, n);
 		if (key)
-			moments(mean, plain, buf, NULL, bins, n);
+			moments(v[k] + x0, square, plain, total, buf, count, bins, n);
+		else
+			plain_moments(v[k] + x0, square, total, buf, bins, n);
 	}
 	for (int x = 0; x < n; x++) {
 		float s = square[x] > 0.1f * plain[x] ? square[x] : 0.1f * plain[x];

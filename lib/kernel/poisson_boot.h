@@ -24,7 +24,7 @@ struct gd_boot_kernels {
 	 */
 	void (*resample)(float *const *v, float *var, const struct gd_boot_rows *rows, const struct gd_rng_key *key,
 			 uint32_t index, float scale, int w);
-	/* count[b] += 1 for the bins drawn, for w pixels: what resample draws. count[b] has w floats. */
+	/* count[b] = how often bin b is drawn, for w pixels: what resample draws. count[b] has w floats. */
 	void (*draw)(float *const *count, int bins, struct gd_rng_key key, uint32_t index, int w);
 	/* sum += d, square += d^2, high += (d - low)^2. square, high may be NULL. */
 	void (*add)(float *sum, float *square, float *high, const float *d, const float *low, int w);
