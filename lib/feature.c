@@ -447,6 +447,15 @@ static int solve_without_bins(struct stage *s)
 	return poisson(s, s->whole, &in);
 }
 
+/* The variance of the mean of two is half of what each has. */
+static void twice(struct gd_plane to, struct gd_plane from)
+{
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < to.h; y++)
+		for (int x = 0; x < to.w; x++)
+			gd_row(to, y)[x] = finite_float(2.0 * gd_row(from, y)[x]);
+}
+
 static int solve_halves(struct stage *s)
 {
 	double start = gd_seconds();
@@ -461,12 +470,8 @@ static int solve_halves(struct stage *s)
 	if (rc == GD_OK)
 		rc = gd_boot_halves(s->local, s->half[0], s->half[1], s->n, s->conf->boot.local_px,
 				    s->err);
-	/* the variance of the mean of two is half of what each has */
 	for (int c = 0; c < s->n && rc == GD_OK; c++)
-		for (int y = 0; y < s->local[c].h; y++)
-			for (int x = 0; x < s->local[c].w; x++)
-				gd_row(s->half_local[c], y)[x] =
-					finite_float(2.0 * gd_row(s->local[c], y)[x]);
+		twice(s->half_local[c], s->local[c]);
 	s->has_local = true;
 	s->result->halves = rc == GD_OK;
 	s->result->half_seconds = gd_seconds() - start;
