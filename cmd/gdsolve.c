@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* gdsolve: the image behind noisy gradients, by one Poisson solve. */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
