@@ -10,77 +10,88 @@
 
 #include "kernel/poisson_prep.h"
 
-/* Bits of positive floats sort as the floats do: the upper half picks a bucket, the lower half a value in it. */
-static size_t count_upper(const struct gd_rows *rows, size_t *bucket)
+/*
+ * Bits of positive floats sort as the floats do: the upper half picks a bucket, the lower half a value in it.
+ * One table of counts for each thread, added up afterwards: whole numbers, so the order does not matter.
+ */
+#define BUCKETS 65536
+
+struct census {
+	int threads;
+	size_t *bucket;		/* of each thread */
+	float *work;
+};
+
+/* upper < 0: counts upper halves; else lower halves of the values whose upper half it is. Returns the sum. */
+static size_t count_bits(const struct gd_rows *rows, const struct census *c, long upper)
 {
 	size_t n = 0;
 
-	memset(bucket, 0, 65536 * sizeof(*bucket));
+	memset(c->bucket, 0, (size_t)c->threads * BUCKETS * sizeof(*c->bucket));
+#pragma omp parallel for schedule(static) num_threads(c->threads)
 	for (int i = 0; i < rows->count; i++) {
-		const float *v = rows->row(rows, i);
+		const int id = omp_get_thread_num();
+		const float *v = rows->row(rows, i, c->work + (size_t)id * (size_t)rows->w);
+		size_t *bucket = c->bucket + (size_t)id * BUCKETS;
 
 		for (int x = 0; x < rows->w; x++) {
 			uint32_t bits;
 
 			memcpy(&bits, v + x, sizeof(bits));
-			if (bits - 1 < 0x7f7fffffU) {		/* positive and finite */
+			if (bits - 1 >= 0x7f7fffffU)		/* 0, negative, or not finite */
+				continue;
+			if (upper < 0)
 				bucket[bits >> 16]++;
-				n++;
-			}
-		}
-	}
-	return n;
-}
-
-static void count_lower(const struct gd_rows *rows, uint32_t upper, size_t *bucket)
-{
-	memset(bucket, 0, 65536 * sizeof(*bucket));
-	for (int i = 0; i < rows->count; i++) {
-		const float *v = rows->row(rows, i);
-
-		for (int x = 0; x < rows->w; x++) {
-			uint32_t bits;
-
-			memcpy(&bits, v + x, sizeof(bits));
-			if (bits >> 16 == upper && bits)
+			else if (bits >> 16 == (uint32_t)upper)
 				bucket[bits & 0xffff]++;
 		}
 	}
+	for (int t = 1; t < c->threads; t++)
+		for (size_t i = 0; i < BUCKETS; i++)
+			c->bucket[i] += c->bucket[(size_t)t * BUCKETS + i];
+	for (size_t i = 0; i < BUCKETS; i++)
+		n += c->bucket[i];
+	return n;
 }
 
 static uint32_t find_rank(const size_t *bucket, size_t *rank)
 {
 	uint32_t i = 0;
 
-	while (i < 65535 && *rank >= bucket[i])
+	while (i < BUCKETS - 1 && *rank >= bucket[i])
 		*rank -= bucket[i++];
 	return i;
 }
 
 double gd_median_positive(const struct gd_rows *rows)
 {
-	size_t *bucket = gd_alloc(65536, sizeof(*bucket)), rank;
+	struct census c = { .threads = omp_get_max_threads() };
+	size_t rank = 0;
 	uint32_t bits = 0;
 	float v = 0;
 
-	if (!bucket)
-		return 0;
-	rank = count_upper(rows, bucket);
+	c.threads = c.threads < 16 ? c.threads : 16;
+	c.bucket = gd_alloc((size_t)c.threads * BUCKETS, sizeof(*c.bucket));
+	c.work = gd_alloc((size_t)c.threads * (size_t)rows->w, sizeof(*c.work));
+	if (c.bucket && c.work)
+		rank = count_bits(rows, &c, -1);
 	if (rank > 0) {
 		rank = (rank - 1) / 2;
-		bits = find_rank(bucket, &rank) << 16;
-		count_lower(rows, bits >> 16, bucket);
-		bits |= find_rank(bucket, &rank);
+		bits = find_rank(c.bucket, &rank) << 16;
+		count_bits(rows, &c, (long)(bits >> 16));
+		bits |= find_rank(c.bucket, &rank);
 		memcpy(&v, &bits, sizeof(v));
 	}
-	free(bucket);
+	free(c.bucket);
+	free(c.work);
 	return (double)v;
 }
 
-static const float *edge_row(const struct gd_rows *rows, int i)
+static const float *edge_row(const struct gd_rows *rows, int i, float *work)
 {
 	const struct gd_mg_level *l = rows->user;
 
+	(void)work;
 	return (const float *)(i & 1 ? l->s : l->e) + (size_t)(i / 2) * l->stride;
 }
 

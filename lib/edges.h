@@ -10,10 +10,11 @@
 #include "multigrid.h"
 #include "plane.h"
 
-/* Exact median of the positive finite values among count rows of w; 0 if there is none. row(i) gives a row. */
+/* Exact median of the positive finite values among count rows of w; 0 if there is none (or no memory).
+ * row(i) gives a row, for which it may use work, w floats; it is called from many threads. */
 struct gd_rows {
 	int count, w;
-	const float *(*row)(const struct gd_rows *rows, int i);
+	const float *(*row)(const struct gd_rows *rows, int i, float *work);
 	const void *user;
 };
 double gd_median_positive(const struct gd_rows *rows);

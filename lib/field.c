@@ -18,45 +18,45 @@ int gd_field_check(const struct gd_plane *plane, int n, int w, int h, const char
 	return GD_OK;
 }
 
-/* Rows of magnitudes of n planes, one at a time in the work row. */
-struct magnitude {
-	const struct gd_plane *plane;
-	float *work;
-};
-
-static const float *magnitude_row(const struct gd_rows *rows, int i)
+static const float *magnitude_row(const struct gd_rows *rows, int i, float *work)
 {
-	const struct magnitude *m = rows->user;
-	const struct gd_plane p = m->plane[i / m->plane[0].h];
+	const struct gd_plane *plane = rows->user, p = plane[i / plane[0].h];
 	const float *v = gd_row(p, i % p.h);
 
 	for (int x = 0; x < p.w; x++)
-		m->work[x] = fabsf(v[x]);
-	return m->work;
+		work[x] = fabsf(v[x]);
+	return work;
 }
 
-static double level_of(const struct gd_plane *plane, int n, float *work)
+/* part: a sum for each row. */
+static double level_of(const struct gd_plane *plane, int n, double *part)
 {
-	const struct magnitude m = { plane, work };
-	const struct gd_rows rows = { n * plane[0].h, plane[0].w, magnitude_row, &m };
-	const double cap = 100 * gd_median_positive(&rows);
+	const struct gd_rows rows = { n * plane[0].h, plane[0].w, magnitude_row, plane };
+	const float cap = (float)fmin(100 * gd_median_positive(&rows), (double)FLT_MAX);
 	double sum = 0;
 
+#pragma omp parallel for schedule(static)
 	for (int i = 0; i < rows.count; i++) {
-		const float *v = magnitude_row(&rows, i);
-		double part = 0;
+		const struct gd_plane p = plane[i / plane[0].h];
+		const float *v = gd_row(p, i % p.h);
+		double s = 0;
 
-		for (int x = 0; x < rows.w; x++)
-			part += v[x] <= FLT_MAX ? fmin((double)v[x], cap) : 0;
-		sum += part;
+#pragma omp simd reduction(+:s)
+		for (int x = 0; x < rows.w; x++) {
+			float a = fabsf(v[x]), b = a < cap ? a : cap;
+
+			s += a <= FLT_MAX ? (double)b : 0;
+		}
+		part[i] = s;
 	}
+	for (int i = 0; i < rows.count; i++)
+		sum += part[i];
 	return sum / ((double)rows.count * rows.w);
 }
 
 double gd_field_level(const struct gd_field *field)
 {
-	float *work = gd_alloc((size_t)field->w, sizeof(*work));
-	double level = 0;
+	double *work = gd_alloc((size_t)field->n * (size_t)field->h, sizeof(*work)), level = 0;
 
 	if (!work)
 		return 0;
