@@ -14,6 +14,7 @@
 #define FLAT		1e-5
 #define DARK		0.1	/* of the image's level: below it errors count as they are, not relatively */
 #define DISAGREE	2.0	/* squared error per variance of the models about their mean */
+#define DISAGREE_SELF	6.0	/* the same where no halves tell what noise does */
 #define GAIN_LIMIT	1.25	/* a mean that is further off is ruled by fireflies, not by misfit */
 
 /* A regression: windows of 2R+1, centres step apart, a polynomial of that order. */
@@ -73,6 +74,17 @@ static void free_planes(struct gd_plane *p, int n)
 static float to_float(double v)
 {
 	return v > (double)FLT_MAX ? FLT_MAX : v < -(double)FLT_MAX ? -FLT_MAX : (float)v;
+}
+
+/* Independent parts of the samples, and the one that explains a part. */
+static int halves(const struct gd_crossfit_in *in)
+{
+	return in->self ? 1 : 2;
+}
+
+static int other(const struct gd_crossfit_in *in, int half)
+{
+	return in->self ? 0 : 1 - half;
 }
 
 /* ---- the pilots ---- */
@@ -139,13 +151,16 @@ static int pilot_variance(struct gd_plane var[3], struct gd_plane spare, const s
 {
 	for (int c = 0; c < 3; c++) {
 #pragma omp parallel for schedule(static)
-		for (int y = 0; y < var[c].h; y++)
-			for (int x = 0; x < var[c].w; x++) {
-				double d = (double)gd_row(in->y[0][c], y)[x] - (double)gd_row(in->y[1][c], y)[x];
+		for (int y = 0; y < var[c].h; y++) {
+			const float *a = gd_row(in->var[c].v ? in->var[c] : in->y[0][c], y);
+			const float *b = gd_row(in->var[c].v ? in->var[c] : in->y[1][c], y);
 
-				gd_row(var[c], y)[x] = to_float(in->var[c].v ?
-								2 * (double)gd_row(in->var[c], y)[x] : d * d / 2);
+			for (int x = 0; x < var[c].w; x++) {
+				double d = (double)a[x] - (double)b[x];
+
+				gd_row(var[c], y)[x] = to_float(in->var[c].v ? 2 * (double)a[x] : d * d / 2);
 			}
+		}
 	}
 	return smooth(var, 3, spare, in->var[0].v ? 3 : 7, err);
 }
@@ -168,7 +183,7 @@ static int make_pilots(struct work *w, struct gd_crossfit_in *in, const struct g
 			index[n++] = a;
 		}
 	}
-	for (int half = 0; half < 2 && rc == GD_OK; half++) {
+	for (int half = 0; half < halves(in) && rc == GD_OK; half++) {
 		struct gd_nlr_in nlr = { .nfeat = n };
 
 		for (int c = 0; c < 3; c++) {
@@ -272,9 +287,9 @@ static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half, 
 	for (int a = 0; a < in->nfeat && apr.nfeat < GD_APR_FEATURES - 7; a++)
 		feat[apr.nfeat++] = in->feat[a];
 	for (int c = 0; c < 3 && m->pilot; c++)
-		feat[apr.nfeat++] = w->pilot[1 - half][c];
+		feat[apr.nfeat++] = w->pilot[other(in, half)][c];
 	for (int c = 0; c < in->nfeature && m->feature; c++)
-		feat[apr.nfeat++] = in->feature[1 - half][c];
+		feat[apr.nfeat++] = in->feature[other(in, half)][c];
 	conf.ridge = RIDGE;
 	conf.flat = FLAT;
 	conf.radius = m->radius;
@@ -295,7 +310,7 @@ static int fit_half(const struct gd_plane *mean, const struct gd_plane *square, 
 		    const struct gd_crossfit_in *in, int half, const struct model *model, int n, int done,
 		    const struct gd_report *report, struct gd_err *err)
 {
-	int rc = make_weight(w->weight, w->pilot[1 - half], err);
+	int rc = make_weight(w->weight, w->pilot[other(in, half)], err);
 
 	for (int i = 0; i < n && rc == GD_OK; i++) {
 		rc = fit_model(w, in, half, &model[i], done + i + half == 0 ? report : NULL, err);
@@ -326,23 +341,24 @@ static double total(const struct gd_plane *rgb, bool *negative)
 }
 
 /*
- * est and mse from the fits of the halves: est holds the first, other the second, and mse the squared
+ * est and mse from the fits of the halves: est holds the first, second the
+ * second (or est again: self), and mse the squared
  * distances of the models' fits to their mean. The error of the mean is what the halves' noise makes of it,
  * and its bias; of the bias, how far the models disagree is a measure (factor: as measured).
  */
-static int join(const struct gd_crossfit_out *out, const struct gd_plane *other, int n, int models, bool negative,
-		struct gd_plane spare, struct gd_err *err)
+static int join(const struct gd_crossfit_out *out, const struct gd_plane *second, int n, bool self, int models,
+		bool negative, struct gd_plane spare, struct gd_err *err)
 {
-	double disagree = models > 1 ? DISAGREE / (2.0 * (models - 1)) : 0;
+	double disagree = models < 2 ? 0 : self ? DISAGREE_SELF / (models - 1) : DISAGREE / (2.0 * (models - 1));
 
 
 	for (int c = 0; c < n; c++) {
 #pragma omp parallel for schedule(static)
-		for (int y = 0; y < other[c].h; y++) {
-			const float *restrict b = gd_row(other[c], y);
-			float *restrict a = gd_row(out->est[c], y);
+		for (int y = 0; y < second[c].h; y++) {
+			const float *b = gd_row(second[c], y);
+			float *a = gd_row(out->est[c], y);
 
-			for (int x = 0; x < other[c].w; x++) {
+			for (int x = 0; x < second[c].w; x++) {
 				double e = ((double)a[x] + (double)b[x]) / 2, d = ((double)a[x] - (double)b[x]) / 2;
 
 				a[x] = e < 0 && !negative ? 0 : to_float(e);
@@ -414,7 +430,7 @@ static int run_stages(const struct gd_crossfit_out *out, struct work *w, struct 
 		result->pilot_seconds += gd_seconds() - start;
 		start = gd_seconds();
 		gd_progress(report, "fitting", (i + 0.5) / stages);
-		for (int half = 0; half < 2 && rc == GD_OK; half++)
+		for (int half = 0; half < halves(in) && rc == GD_OK; half++)
 			rc = fit_half(half ? w->sum : out->est, out->mse, w, in, half, stage[i].model, n,
 				      result->models, report, err);
 		result->fit_seconds += gd_seconds() - start;
@@ -434,23 +450,26 @@ int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in
 	int rc;
 
 	*result = (struct gd_crossfit_result){ 0 };
-	sum = (total(in->y[0], &negative) + total(in->y[1], &negative)) / 2;
+	sum = total(in->y[0], &negative);
+	if (!in->self)
+		sum = (sum + total(in->y[1], &negative)) / 2;
 	negative = negative || planes(in) > 3;
 	rc = new_plane(&w.weight, like, err);
-	for (int half = 0; half < 2 && rc == GD_OK; half++)
+	for (int half = 0; half < halves(in) && rc == GD_OK; half++)
 		rc = new_planes(w.pilot[half], 3, like, err);
-	if (rc == GD_OK)
+	if (rc == GD_OK && !in->self)
 		rc = new_planes(w.sum, planes(in), like, err);
 	if (rc == GD_OK)
 		rc = new_planes(w.fit, planes(in), like, err);
 	if (rc == GD_OK) {
 		clear(out->est, planes(in));
-		clear(w.sum, planes(in));
+		clear(w.sum, in->self ? 0 : planes(in));
 		clear(out->mse, 3);
 		rc = run_stages(out, &w, in, conf, result, report, err);
 	}
 	if (rc == GD_OK)
-		rc = join(out, w.sum, planes(in), result->models, negative, w.weight, err);
+		rc = join(out, in->self ? out->est : w.sum, planes(in), in->self, result->models, negative, w.weight,
+			  err);
 	if (rc == GD_OK)
 		result->gain = keep_mean(out->est, planes(in), sum, err);
 	free_planes(w.pilot[0], 3);

@@ -26,6 +26,9 @@ struct gd_crossfit_conf {
 /*
  * Planes of one size, finite.
  * y        ny planes of either half: the colour R G B, then any that share its weights
+ * self     there are no halves: all samples are in y[0], var is needed, and the pilot made from them explains
+ *          them (y[1] and feature[1] are not used). A pilot is smooth enough for that to cost little where noise is
+ *          even, more where fine texture is all that G-buffers miss
  * whole    nwhole planes of all samples to estimate in place of y (the colour first), where layers have no
  *          halves of their own: smoothed with the mean of the weights that either half gets; 0: none
  * var      variance of the mean of all samples' colour, >= 0; v = NULL: from the difference of the halves
@@ -34,6 +37,7 @@ struct gd_crossfit_conf {
  * feature  of either half, n planes; n = 0: none
  */
 struct gd_crossfit_in {
+	bool self;
 	int ny, nwhole, nfeat, nfeature;
 	struct gd_plane y[2][GD_APR_RHS], whole[GD_APR_RHS], var[3];
 	struct gd_plane feat[GD_APR_FEATURES], feature[2][4];

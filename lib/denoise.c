@@ -132,7 +132,14 @@ static void want_parts(struct job *job, const char *layer, enum gd_want want)
 
 static bool crossfit(const struct job *job)
 {
-	return job->source != NO_HALVES && !job->conf->single;
+	return !job->conf->single;
+}
+
+/* A feature whose halves know different noise: cross-fitted rather than taken from all samples. */
+static bool crossed(const struct job *job, const char *feature)
+{
+	return crossfit(job) && job->source != NO_HALVES && !strcmp(feature, "feature") &&
+	       has_halves(job->im, feature, 3);
 }
 
 /* What a denoiser uses up and no later stage needs. */
@@ -168,7 +175,7 @@ static void mark(struct job *job)
 
 		gd_layer_want(im, name, GD_READ);
 		gd_layer_want_variance(im, name, GD_READ);
-		for (int h = 0; h < 2 && crossfit(job) && has_halves(im, name, 3); h++)
+		for (int h = 0; h < 2 && crossed(job, name); h++)
 			gd_layer_want(im, part_name(part, "half", h, name), GD_READ);
 	}
 	for (int i = 0; i < job->layers.n; i++) {
@@ -196,12 +203,6 @@ int gd_denoise_want(struct gd_image *im, const struct gd_denoise_conf *conf, str
 }
 
 /* ---- planes ---- */
-
-/* A feature whose halves know different noise: cross-fitted rather than taken from all samples. */
-static bool crossed(const struct job *job, const char *feature)
-{
-	return crossfit(job) && !strcmp(feature, "feature") && has_halves(job->im, feature, 3);
-}
 
 static int fill_features(struct job *job, struct gd_apr_frame *f, struct gd_err *err)
 {
@@ -342,6 +343,12 @@ static int fill_halves(struct job *job, struct gd_crossfit_in *in, struct gd_apr
 	char name[256];
 	int rc = GD_OK;
 
+	if (job->source == NO_HALVES) {
+		in->self = true;
+		in->ny = f->ny;
+		memcpy(in->y[0], f->y, sizeof f->y);
+		return GD_OK;	/* mended already */
+	}
 	if (job->layer_halves) {
 		in->ny = half_planes(job, "", in->y[0], in->y[1]);
 		for (int i = 0; i < job->layers.n; i++)

@@ -2,8 +2,9 @@
 /*
  * A buffer of gd-buffers(5) in, a clean image with its estimated error out: chooses the channels, mends
  * what is no number, filters noisy features, and runs one of
- *	cross-fitted regression (crossfit.h) where the samples come in halves or bins: the default
- *	one adaptive polynomial regression on all samples (apr_paper.h): where they do not, or if asked for
+ *	several regressions on pilots, features and G-buffers (crossfit.h): the default; cross-fitted where the
+ *	samples come in halves or bins
+ *	one adaptive polynomial regression on all samples (apr_paper.h): if asked for
  */
 #ifndef GD_DENOISE_H
 #define GD_DENOISE_H
