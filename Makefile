@@ -109,7 +109,7 @@ demo: all
 
 bench: all $(BENCHES) $(SUPPORT)
 	@$(MAKE) --no-print-directory -C tests/bench OBJ=$(abspath $(O)/tests) BIN=$(abspath $(B)) DATA=$(abspath $(or $(DATA),testdata)) \
-		OUT=$(abspath build/bench) -j1
+		OUT=$(abspath build/bench)
 
 DEPS_CORE := gcc libc6-dev make pkg-config libopenexr-dev zlib1g-dev
 DEPS := $(DEPS_CORE) g++ libopenimageio-dev libopencolorio-dev libcmocka-dev bats mandoc gnuplot-nox
