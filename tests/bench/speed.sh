@@ -3,7 +3,7 @@
 # Speed, growth with size, memory and start-up of the tools, on real noise tiled to any size.
 #	speed.sh BIN OBJECTS INPUT.exr OUT.tsv [WIDTHxHEIGHT ...]
 # Columns: what, megapixels, seconds without reading and writing (median of $RUNS, 3), wall seconds, CPU
-# seconds, peak memory in MB, and bytes a pixel beyond that of the tool at 1x1.
+# seconds, peak memory in MB, and bytes a pixel beyond what a tool takes that does nothing.
 set -euo pipefail
 bin=$1 obj=$2 input=$3 out=$4
 shift 4
@@ -27,10 +27,10 @@ timed() {	# LABEL MEGAPIXELS TOOL ARGUMENTS: the line of a tool on a file
 	done
 	awk -v net="$(sort -g "$tmp/net" | sed -n "$(((runs + 1) / 2))p")" -v mega="$mega" -F'\t' '
 		{ w[NR] = $2; c[NR] = $3; if ($4 > peak) peak = $4 }
-		END { n = asort_(w); asort_(c); k = int((NR + 1) / 2)
+		END { sort(w); sort(c); k = int((NR + 1) / 2)
 			printf "%s\t%.3f\t%.3f\t%.3f\t%.3f\t%.0f\t%.0f\n", $1, mega, net, w[k], c[k], peak,
-				mega > 0 ? (peak - 12) * 1.048576 / mega : 0 }
-		function asort_(a,   i, j, t) { for (i = 2; i <= NR; i++) { t = a[i]
+				(peak - 3) * 1.048576 / mega }
+		function sort(a,   i, j, t) { for (i = 2; i <= NR; i++) { t = a[i]
 			for (j = i - 1; j > 0 && a[j] > t; j--) a[j + 1] = a[j]; a[j + 1] = t } }' "$tmp/lines" | tee -a "$out"
 	rm -f "$tmp/net" "$tmp/lines"
 }
@@ -51,7 +51,7 @@ for size in "${sizes[@]}"; do
 	timed gdapr "$mega" gdapr "$tmp/feature.exr"
 	timed "gdapr --fast" "$mega" gdapr --fast "$tmp/feature.exr"
 	timed "gdapr --paper" "$mega" gdapr --paper "$tmp/feature.exr"
-	rm "$tmp/feature.exr"
+	rm "$tmp/feature.exr" "$tmp/stats"
 done
 {
 	echo
