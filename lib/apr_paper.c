@@ -34,12 +34,12 @@ static bool all_zero(struct gd_plane p)
 int gd_apr_frame_mend(struct gd_apr_frame *f, float *made[3], size_t *mended,
 		      const struct gd_report *report, struct gd_err *err)
 {
-	bool spatial = !f->var[0].v && f->nbin < 2;
+	bool spatial = made && !f->var[0].v && f->nbin < 2;
 	int rc = GD_OK;
 
-	for (int c = 0; c < 3; c++)
+	for (int c = 0; made && c < 3; c++)
 		made[c] = NULL;
-	for (int c = 0; c < 3 && rc == GD_OK && !f->var[c].v; c++) {
+	for (int c = 0; made && c < 3 && rc == GD_OK && !f->var[c].v; c++) {
 		struct gd_plane bin[GD_APR_RHS];
 
 		f->var[c] = new_plane(f->y[c]);

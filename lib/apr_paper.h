@@ -46,7 +46,10 @@ struct gd_apr_paper_result {
 	double correlation;	/* as in struct gd_apr_conf */
 };
 
-/* Mends all planes and finds variances where there are none (allocated into made, to be freed). */
+/*
+ * Mends all planes and finds variances where there are none (allocated into made, to be freed;
+ * made = NULL: there stay none).
+ */
 int gd_apr_frame_mend(struct gd_apr_frame *frame, float *made[3], size_t *mended,
 		      const struct gd_report *report, struct gd_err *err);
 

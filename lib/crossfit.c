@@ -16,6 +16,7 @@
 #define DISAGREE	2.0	/* squared error per variance of the models about their mean */
 #define DISAGREE_SELF	6.0	/* the same where no halves tell what noise does */
 #define GAIN_LIMIT	1.25	/* a mean that is further off is ruled by fireflies, not by misfit */
+#define SQUARE_LIMIT	1e38	/* squares are cut here: weighted sums of them stay floats */
 
 /* A regression: windows of 2R+1, centres step apart, a polynomial of that order. */
 struct model {
@@ -23,7 +24,7 @@ struct model {
 	int radius, step, order;
 };
 
-/* A pilot of either half, and the models that lean on it. Unlike pilots err differently: the mean gains. */
+/* A pilot, and the models that lean on it. Unlike pilots err differently: the mean gains. */
 struct stage {
 	struct gd_nlr_conf pilot;
 	int n;
@@ -43,14 +44,20 @@ static const struct stage without_feature[] = {
 };
 #define STAGES 2
 
-/* Work space; planes that were not made have v = NULL. */
+/*
+ * Work space. The pilot is of the half that is not being fitted; fit holds its variances while it
+ * is made, weight is the blurs' spare plane then.
+ */
 struct work {
-	struct gd_plane pilot[2][3], sum[GD_APR_RHS], fit[GD_APR_RHS], weight;
+	struct gd_plane pilot[3], sum[GD_APR_RHS], fit[GD_APR_RHS], weight;
+	int nscaled, scaled[PILOT_FEATURES];	/* features of in that a pilot may lean on */
 };
 
 static int new_plane(struct gd_plane *p, struct gd_plane like, struct gd_err *err)
 {
-	*p = gd_plane_of(gd_alloc(gd_stride(like.w) * (size_t)like.h, sizeof(float)), like.w, like.h);
+	size_t size = gd_stride(like.w) * (size_t)like.h;
+
+	*p = gd_plane_of(gd_alloc(size, sizeof(float)), like.w, like.h);
 	return p->v ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
 }
 
@@ -82,9 +89,14 @@ static int halves(const struct gd_crossfit_in *in)
 	return in->self ? 1 : 2;
 }
 
-static int other(const struct gd_crossfit_in *in, int half)
+static int explains(const struct gd_crossfit_in *in, int half)
 {
 	return in->self ? 0 : 1 - half;
+}
+
+static float square_to_float(double v)
+{
+	return v > SQUARE_LIMIT ? (float)SQUARE_LIMIT : (float)v;
 }
 
 /* ---- the pilots ---- */
@@ -126,12 +138,32 @@ static void feature_range(struct gd_plane p, float *v, double *median, double *r
 	*range = hi - lo > 1e-6 * fmax(fabs(lo), fabs(hi)) ? hi - lo : 0;
 }
 
-static void scale_plane(struct gd_plane p, double minus, double times, double plus)
+static void scale_plane(struct gd_plane p, double minus, double times)
 {
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < p.h; y++)
 		for (int x = 0; x < p.w; x++)
-			gd_row(p, y)[x] = to_float(((double)gd_row(p, y)[x] - minus) * times + plus);
+			gd_row(p, y)[x] = to_float(((double)gd_row(p, y)[x] - minus) * times);
+}
+
+/* Brings the features that pilots use to median 0 and range 1, which changes no other fit. */
+static int scale_features(struct work *w, const struct gd_crossfit_in *in, struct gd_err *err)
+{
+	float *v = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *v);
+
+	if (!v)
+		return gd_fail(err, GD_ENOMEM, "out of memory");
+	for (int a = 0; a < in->nfeat && w->nscaled < PILOT_FEATURES; a++) {
+		double median, range;
+
+		feature_range(in->feat[a], v, &median, &range);
+		if (range > 0) {
+			scale_plane(in->feat[a], median, 1 / range);
+			w->scaled[w->nscaled++] = a;
+		}
+	}
+	free(v);
+	return GD_OK;
 }
 
 /* p = mean over side x side windows */
@@ -146,59 +178,44 @@ static int smooth(struct gd_plane *p, int n, struct gd_plane spare, int side, st
 }
 
 /* The variance of a half's colour, as the distances of patches want it: smooth. */
-static int pilot_variance(struct gd_plane var[3], struct gd_plane spare, const struct gd_crossfit_in *in,
-			  struct gd_err *err)
+static int pilot_variance(struct gd_plane var[3], struct gd_plane spare,
+			  const struct gd_crossfit_in *in, int half, struct gd_err *err)
 {
+	double more = 1 / in->share[half], of_square = in->share[1 - half];
+
 	for (int c = 0; c < 3; c++) {
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < var[c].h; y++) {
-			const float *a = gd_row(in->var[c].v ? in->var[c] : in->y[0][c], y);
-			const float *b = gd_row(in->var[c].v ? in->var[c] : in->y[1][c], y);
+			const float *known = in->var[c].v ? gd_row(in->var[c], y) : NULL;
+			const float *a = gd_row(in->y[0][c], y);
+			const float *b = known ? a : gd_row(in->y[1][c], y);
+			float *to = gd_row(var[c], y);
 
 			for (int x = 0; x < var[c].w; x++) {
 				double d = (double)a[x] - (double)b[x];
 
-				gd_row(var[c], y)[x] = to_float(in->var[c].v ? 2 * (double)a[x] : d * d / 2);
+				to[x] = square_to_float(known ? more * (double)known[x] :
+							of_square * d * d);
 			}
 		}
 	}
 	return smooth(var, 3, spare, in->var[0].v ? 3 : 7, err);
 }
 
-static int make_pilots(struct work *w, struct gd_crossfit_in *in, const struct gd_nlr_conf *conf,
-		       const struct gd_report *report, struct gd_err *err)
+static int make_pilot(struct work *w, const struct gd_crossfit_in *in, int half,
+		      const struct gd_nlr_conf *conf, const struct gd_report *report,
+		      struct gd_err *err)
 {
-	struct gd_plane var[3] = { 0 };
-	double median[PILOT_FEATURES], range[PILOT_FEATURES];
-	int index[PILOT_FEATURES], rc, n = 0;
-	float *v = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *v);
+	struct gd_nlr_in nlr = { .nfeat = w->nscaled };
+	int rc = pilot_variance(w->fit, w->weight, in, half, err);
 
-	rc = v ? new_planes(var, 3, in->y[0][0], err) : gd_fail(err, GD_ENOMEM, "out of memory");
-	if (rc == GD_OK)
-		rc = pilot_variance(var, w->pilot[0][0], in, err);
-	for (int a = 0; a < in->nfeat && n < PILOT_FEATURES && rc == GD_OK; a++) {
-		feature_range(in->feat[a], v, &median[n], &range[n]);
-		if (range[n] > 0) {
-			scale_plane(in->feat[a], median[n], 1 / range[n], 0);
-			index[n++] = a;
-		}
+	for (int c = 0; c < 3; c++) {
+		nlr.y[c] = nlr.guide[c] = in->y[half][c];
+		nlr.guide_var[c] = w->fit[c];
 	}
-	for (int half = 0; half < halves(in) && rc == GD_OK; half++) {
-		struct gd_nlr_in nlr = { .nfeat = n };
-
-		for (int c = 0; c < 3; c++) {
-			nlr.y[c] = nlr.guide[c] = in->y[half][c];
-			nlr.guide_var[c] = var[c];
-		}
-		for (int i = 0; i < n; i++)
-			nlr.feat[i] = in->feat[index[i]];
-		rc = gd_nlr_run(w->pilot[half], &nlr, conf, report, err);
-	}
-	for (int i = 0; i < n; i++)
-		scale_plane(in->feat[index[i]], 0, range[i], median[i]);
-	free_planes(var, 3);
-	free(v);
-	return rc;
+	for (int i = 0; i < w->nscaled; i++)
+		nlr.feat[i] = in->feat[w->scaled[i]];
+	return rc == GD_OK ? gd_nlr_run(w->pilot, &nlr, conf, report, err) : rc;
 }
 
 /* ---- the regressions ---- */
@@ -249,21 +266,26 @@ static int make_weight(struct gd_plane weight, const struct gd_plane *pilot, str
 	return GD_OK;
 }
 
-/* Takes the k-th fit (from 1) into the mean of the fits, and into the sum of their squared distances to it. */
-static void add_fit(const struct gd_plane *mean, const struct gd_plane *square, const struct gd_plane *fit, int n, int k)
+/*
+ * Takes the k-th fit (from 1) into the mean of the fits, and into the sum of their squared
+ * distances to it.
+ */
+static void add_fit(const struct gd_plane *mean, const struct gd_plane *square,
+		    const struct gd_plane *fit, int n, int k)
 {
 	for (int c = 0; c < n; c++) {
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < mean[c].h; y++) {
-			float *restrict m = gd_row(mean[c], y), *restrict s = c < 3 ? gd_row(square[c], y) : NULL;
+			float *restrict m = gd_row(mean[c], y);
+			float *restrict s = c < 3 ? gd_row(square[c], y) : NULL;
 			const float *restrict f = gd_row(fit[c], y);
 
 			for (int x = 0; x < mean[c].w; x++) {
-				double was = (double)m[x], is = was + ((double)f[x] - was) / k;
+				double off = (double)f[x] - (double)m[x];
 
-				m[x] = to_float(is);
+				m[x] = to_float((double)m[x] + off / k);
 				if (s)
-					s[x] = to_float((double)s[x] + ((double)f[x] - was) * ((double)f[x] - is));
+					s[x] = square_to_float((double)s[x] + off * (off - off / k));
 			}
 		}
 	}
@@ -275,21 +297,21 @@ static int planes(const struct gd_crossfit_in *in)
 	return in->nwhole ? in->nwhole : in->ny;
 }
 
-static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half, const struct model *m,
-		     const struct gd_report *report, struct gd_err *err)
+static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half,
+		     const struct model *m, const struct gd_report *report, struct gd_err *err)
 {
 	struct gd_apr_conf conf = GD_APR_DEFAULTS;
 	struct gd_plane feat[GD_APR_FEATURES];
-	struct gd_apr_in apr = { .ny = planes(in), .y = in->nwhole ? in->whole : in->y[half], .feat = feat,
-				 .weight = w->weight };
+	struct gd_apr_in apr = { .ny = planes(in), .y = in->nwhole ? in->whole : in->y[half],
+				 .feat = feat, .weight = w->weight };
 	struct gd_apr_out out = { .est = w->fit };
 
-	for (int a = 0; a < in->nfeat && apr.nfeat < GD_APR_FEATURES - 7; a++)
+	for (int a = 0; a < in->nfeat; a++)
 		feat[apr.nfeat++] = in->feat[a];
 	for (int c = 0; c < 3 && m->pilot; c++)
-		feat[apr.nfeat++] = w->pilot[other(in, half)][c];
+		feat[apr.nfeat++] = w->pilot[c];
 	for (int c = 0; c < in->nfeature && m->feature; c++)
-		feat[apr.nfeat++] = in->feature[other(in, half)][c];
+		feat[apr.nfeat++] = in->feature[explains(in, half)][c];
 	conf.ridge = RIDGE;
 	conf.flat = FLAT;
 	conf.radius = m->radius;
@@ -305,17 +327,24 @@ static void clear(const struct gd_plane *p, int n)
 			memset(gd_row(p[c], y), 0, (size_t)p[c].w * sizeof(float));
 }
 
-/* Adds the models of a stage to the mean of a half, which has `done` already; square as add_fit() has it. */
-static int fit_half(const struct gd_plane *mean, const struct gd_plane *square, struct work *w,
-		    const struct gd_crossfit_in *in, int half, const struct model *model, int n, int done,
-		    const struct gd_report *report, struct gd_err *err)
+/* Where a half's models go: mean and square as add_fit() has them; done: models in them already. */
+struct half {
+	const struct gd_plane *mean, *square;
+	int half, done;
+};
+
+static int fit_half(const struct half *to, struct work *w, const struct gd_crossfit_in *in,
+		    const struct model *model, int n, const struct gd_report *report,
+		    struct gd_err *err)
 {
-	int rc = make_weight(w->weight, w->pilot[other(in, half)], err);
+	int rc = make_weight(w->weight, w->pilot, err);
 
 	for (int i = 0; i < n && rc == GD_OK; i++) {
-		rc = fit_model(w, in, half, &model[i], done + i + half == 0 ? report : NULL, err);
+		bool first = to->done + i + to->half == 0;	/* says once what holds for all */
+
+		rc = fit_model(w, in, to->half, &model[i], first ? report : NULL, err);
 		if (rc == GD_OK)
-			add_fit(mean, square, w->fit, planes(in), done + i + 1);
+			add_fit(to->mean, to->square, w->fit, planes(in), to->done + i + 1);
 	}
 	return rc;
 }
@@ -340,31 +369,44 @@ static double total(const struct gd_plane *rgb, bool *negative)
 	return sum;
 }
 
-/*
- * est and mse from the fits of the halves: est holds the first, second the
- * second (or est again: self), and mse the squared
- * distances of the models' fits to their mean. The error of the mean is what the halves' noise makes of it,
- * and its bias; of the bias, how far the models disagree is a measure (factor: as measured).
- */
-static int join(const struct gd_crossfit_out *out, const struct gd_plane *second, int n, bool self, int models,
-		bool negative, struct gd_plane spare, struct gd_err *err)
+/* The models' standard deviation; square: their squared distances to the mean, n the divisor. */
+static void make_spread(struct gd_plane spread, const struct gd_plane *square, int n)
 {
-	double disagree = models < 2 ? 0 : self ? DISAGREE_SELF / (models - 1) : DISAGREE / (2.0 * (models - 1));
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < spread.h; y++)
+		for (int x = 0; x < spread.w; x++) {
+			double sum = 0;
 
+			for (int c = 0; c < 3; c++)
+				sum += (double)gd_row(square[c], y)[x];
+			gd_row(spread, y)[x] = n > 0 ? to_float(sqrt(sum / (3.0 * n))) : 0;
+		}
+}
 
+/*
+ * est and mse from the fits of the halves: est holds the first, other the second, and mse the
+ * squared distances of the models' fits to their mean. The error of the mean is what the halves'
+ * noise makes of it, and its bias; of the bias, how far the models disagree is a measure: disagree
+ * times those distances (factor: as measured). clip: nothing below 0.
+ */
+static int join(const struct gd_crossfit_out *out, const struct gd_plane *other, int n,
+		const double share[2], double disagree, bool clip, struct gd_plane spare,
+		struct gd_err *err)
+{
 	for (int c = 0; c < n; c++) {
 #pragma omp parallel for schedule(static)
-		for (int y = 0; y < second[c].h; y++) {
-			const float *b = gd_row(second[c], y);
-			float *a = gd_row(out->est[c], y);
+		for (int y = 0; y < other[c].h; y++) {
+			const float *b = gd_row(other[c], y);	/* a again, where there are no halves */
+			float *a = gd_row(out->est[c], y), *m = c < 3 ? gd_row(out->mse[c], y) : NULL;
 
-			for (int x = 0; x < second[c].w; x++) {
-				double e = ((double)a[x] + (double)b[x]) / 2, d = ((double)a[x] - (double)b[x]) / 2;
+			for (int x = 0; x < other[c].w; x++) {
+				double d = (double)a[x] - (double)b[x];
+				double e = share[0] * (double)a[x] + share[1] * (double)b[x];
 
-				a[x] = e < 0 && !negative ? 0 : to_float(e);
-				if (c < 3)
-					gd_row(out->mse[c], y)[x] =
-						to_float(d * d + disagree * (double)gd_row(out->mse[c], y)[x]);
+				a[x] = clip && e < 0 ? 0 : to_float(e);
+				if (m)
+					m[x] = square_to_float(share[0] * share[1] * d * d +
+							       disagree * (double)m[x]);
 			}
 		}
 	}
@@ -372,11 +414,12 @@ static int join(const struct gd_crossfit_out *out, const struct gd_plane *second
 }
 
 /*
- * Gives back what the fits took from the mean of the image, or added: each pixel times 1 + a l / (l + level).
- * Bright pixels take it: they are where a relative fit is free to be off, and where it shows least.
- * Returns the factor of the brightest pixels, 1 if the mean is so far off that fireflies rule it.
+ * Gives back what the fits took from the mean of the image, or added: each pixel times
+ * 1 + a l / (l + level). Bright pixels take it: they are where a relative fit is free to be off,
+ * and where it shows least. *gain: the factor of the brightest pixels, 1 if the mean is so far off
+ * that fireflies rule it.
  */
-static double keep_mean(const struct gd_plane *est, int n, double sum, struct gd_err *err)
+static int keep_mean(const struct gd_plane *est, int n, double sum, double *gain, struct gd_err *err)
 {
 	struct gd_plane like = est[0];
 	float *v = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *v);
@@ -402,65 +445,120 @@ static double keep_mean(const struct gd_plane *est, int n, double sum, struct gd
 	}
 	a = (sum - have) / bright;
 	if (!(a > 1 / GAIN_LIMIT - 1 && a < GAIN_LIMIT - 1))
-		return 1;
+		return GD_OK;
+	*gain = 1 + a;
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < like.h; y++)
 		for (int x = 0; x < like.w; x++) {
-			double l = luminance(est, x, y), gain = 1 + a * (l / (l + level));
+			double l = luminance(est, x, y), times = 1 + a * (l / (l + level));
 
 			for (int c = 0; c < n; c++)
-				gd_row(est[c], y)[x] = to_float(gain * (double)gd_row(est[c], y)[x]);
+				gd_row(est[c], y)[x] = to_float(times * (double)gd_row(est[c], y)[x]);
 		}
-	return 1 + a;
+	return GD_OK;
 }
 
-static int run_stages(const struct gd_crossfit_out *out, struct work *w, struct gd_crossfit_in *in,
-		      const struct gd_crossfit_conf *conf, struct gd_crossfit_result *result,
-		      const struct gd_report *report, struct gd_err *err)
+static int run_stage(const struct gd_crossfit_out *out, struct work *w,
+		     const struct gd_crossfit_in *in, const struct stage *stage, int n,
+		     struct gd_crossfit_result *result, const struct gd_report *report,
+		     struct gd_err *err)
+{
+	int rc = GD_OK;
+
+	for (int half = 0; half < halves(in) && rc == GD_OK; half++) {
+		struct half to = { half ? w->sum : out->est, out->mse, half, result->models };
+		double start = gd_seconds(), pilot;
+
+		rc = make_pilot(w, in, explains(in, half), &stage->pilot, NULL, err);
+		pilot = gd_seconds();
+		if (rc == GD_OK)
+			rc = fit_half(&to, w, in, stage->model, n, report, err);
+		result->pilot_seconds += pilot - start;
+		result->fit_seconds += gd_seconds() - pilot;
+	}
+	result->models += n;
+	return rc;
+}
+
+static int run_stages(const struct gd_crossfit_out *out, struct work *w,
+		      const struct gd_crossfit_in *in, const struct gd_crossfit_conf *conf,
+		      struct gd_crossfit_result *result, const struct gd_report *report,
+		      struct gd_err *err)
 {
 	const struct stage *stage = in->nfeature ? with_feature : without_feature;
-	int rc = GD_OK, stages = conf->fast ? 1 : STAGES;
+	int rc = scale_features(w, in, err), stages = conf->fast ? 1 : STAGES;
 
 	for (int i = 0; i < stages && rc == GD_OK; i++) {
-		int n = conf->fast ? 1 : stage[i].n;
-		double start = gd_seconds();
-
-		gd_progress(report, "pilot", (double)i / stages);
-		rc = make_pilots(w, in, &stage[i].pilot, report, err);
-		result->pilot_seconds += gd_seconds() - start;
-		start = gd_seconds();
-		gd_progress(report, "fitting", (i + 0.5) / stages);
-		for (int half = 0; half < halves(in) && rc == GD_OK; half++)
-			rc = fit_half(half ? w->sum : out->est, out->mse, w, in, half, stage[i].model, n,
-				      result->models, report, err);
-		result->fit_seconds += gd_seconds() - start;
-		result->models += n;
+		gd_progress(report, "fitting", (double)i / stages);
+		rc = run_stage(out, w, in, stage + i, conf->fast ? 1 : stage[i].n, result, report, err);
 	}
 	gd_progress(report, "fitting", 1);
 	return rc;
 }
 
-int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in, const struct gd_crossfit_conf *conf,
-		    struct gd_crossfit_result *result, const struct gd_report *report, struct gd_err *err)
+static int check(struct gd_crossfit_in *in, struct gd_err *err)
+{
+	if (in->ny < 3 || in->ny > GD_APR_RHS || in->nwhole < 0 || in->nwhole > GD_APR_RHS ||
+	    (in->nwhole > 0 && in->nwhole < 3))
+		return gd_fail(err, GD_EARG, "%d planes of either half and %d of all samples, "
+			       "expected 3 to %d", in->ny, in->nwhole, GD_APR_RHS);
+	if (in->nfeat < 0 || in->nfeat > GD_CROSSFIT_FEATURES || in->nfeature < 0 || in->nfeature > 4)
+		return gd_fail(err, GD_EARG, "%d feature planes and %d of either half, at most %d "
+			       "and 4", in->nfeat, in->nfeature, GD_CROSSFIT_FEATURES);
+	if (in->self && (!in->var[0].v || in->nwhole))
+		return gd_fail(err, GD_EARG, "no halves: the variance of the colour is needed");
+	if (in->share[0] == 0 && in->share[1] == 0)
+		in->share[0] = in->share[1] = 0.5;
+	if (!(in->share[0] > 0 && in->share[1] > 0 &&
+	      fabs(in->share[0] + in->share[1] - 1) < 1e-6))
+		return gd_fail(err, GD_EARG, "halves hold %g and %g of the samples, expected shares "
+			       "of 1", in->share[0], in->share[1]);
+	return GD_OK;
+}
+
+/* What is made of the models of all halves. */
+static int finish(const struct gd_crossfit_out *out, struct work *w, const struct gd_crossfit_in *in,
+		  struct gd_crossfit_result *result, struct gd_err *err)
+{
+	const struct gd_plane *other = in->self ? out->est : w->sum;
+	int n = planes(in), degrees = halves(in) * (result->models - 1), rc;
+	double disagree = degrees ? (in->self ? DISAGREE_SELF : DISAGREE) / degrees : 0, sum = 0;
+	bool negative = false;
+
+	for (int half = 0; half < halves(in); half++)
+		sum += (in->self ? 1 : in->share[half]) * total(in->y[half], &negative);
+	if (out->spread.v)
+		make_spread(out->spread, out->mse, degrees);
+	rc = join(out, other, n, in->share, disagree, !negative && n == 3, w->weight, err);
+	return rc == GD_OK ? keep_mean(out->est, n, sum, &result->gain, err) : rc;
+}
+
+static int new_work(struct work *w, const struct gd_crossfit_in *in, struct gd_err *err)
 {
 	struct gd_plane like = in->y[0][0];
-	struct work w = { 0 };
-	bool negative = false;
-	double sum;
-	int rc;
+	int n = planes(in);
+	int rc = new_plane(&w->weight, like, err);
 
-	*result = (struct gd_crossfit_result){ 0 };
-	sum = total(in->y[0], &negative);
-	if (!in->self)
-		sum = (sum + total(in->y[1], &negative)) / 2;
-	negative = negative || planes(in) > 3;
-	rc = new_plane(&w.weight, like, err);
-	for (int half = 0; half < halves(in) && rc == GD_OK; half++)
-		rc = new_planes(w.pilot[half], 3, like, err);
-	if (rc == GD_OK && !in->self)
-		rc = new_planes(w.sum, planes(in), like, err);
 	if (rc == GD_OK)
-		rc = new_planes(w.fit, planes(in), like, err);
+		rc = new_planes(w->pilot, 3, like, err);
+	if (rc == GD_OK && !in->self)
+		rc = new_planes(w->sum, n, like, err);
+	if (rc == GD_OK)
+		rc = new_planes(w->fit, n, like, err);
+	return rc;
+}
+
+int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in,
+		    const struct gd_crossfit_conf *conf, struct gd_crossfit_result *result,
+		    const struct gd_report *report, struct gd_err *err)
+{
+	struct work w = { 0 };
+	int rc = check(in, err);
+
+	*result = (struct gd_crossfit_result){ .gain = 1 };
+	if (rc != GD_OK)
+		return rc;
+	rc = new_work(&w, in, err);
 	if (rc == GD_OK) {
 		clear(out->est, planes(in));
 		clear(w.sum, in->self ? 0 : planes(in));
@@ -468,12 +566,8 @@ int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in
 		rc = run_stages(out, &w, in, conf, result, report, err);
 	}
 	if (rc == GD_OK)
-		rc = join(out, in->self ? out->est : w.sum, planes(in), in->self, result->models, negative, w.weight,
-			  err);
-	if (rc == GD_OK)
-		result->gain = keep_mean(out->est, planes(in), sum, err);
-	free_planes(w.pilot[0], 3);
-	free_planes(w.pilot[1], 3);
+		rc = finish(out, &w, in, result, err);
+	free_planes(w.pilot, 3);
 	free_planes(&w.weight, 1);
 	free_planes(w.sum, GD_APR_RHS);
 	free_planes(w.fit, GD_APR_RHS);

@@ -1,16 +1,18 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Cross-fitted regression: the default denoiser. The samples come as two independent halves. From each
- * half alone a guess of the image is made, the pilot (nlr.h), and where there are gradients the feature
- * (feature.h). Then the colour of either half is regressed on what the OTHER half says:
+ * Cross-fitted regression: the default denoiser. The samples come as two independent halves. From
+ * each half alone a guess of the image is made, the pilot (nlr.h), and where there are gradients
+ * the feature (feature.h). Then the colour of either half is regressed on what the OTHER half says:
  *	y_A ~ G-buffers + pilot_B + feature_B + polynomial of the position		(apr.h)
- * in windows of several sizes, and all fits of both halves are averaged. As the regressors do not know
- * the noise of what they explain, a fit cannot reproduce it, and slopes shrink by themselves where
- * pilot or feature are poor. The pixels of a fit weigh
+ * with a narrow pilot (7x7 windows, patches of 3x3) and a wide one (13x13, 5x5) and windows of
+ * several sizes, and all fits of both halves are averaged. As the regressors do not know the noise
+ * of what they explain, a fit cannot reproduce it, and slopes shrink by themselves where pilot or
+ * feature are poor. The pixels of a fit weigh
  *	1 / (l^2 + (level / 10)^2),	l = luminance of the pilot of the other half,
- * so that relative errors count and the brightest pixel of a window does not rule it; as l does not
- * know the noise either, this does not darken the image. What the misfit of a linear model still takes
- * from the mean of the image, or adds to it, is given back by one factor for all pixels.
+ * so that relative errors count and the brightest pixel of a window does not rule it; as l does
+ * not know the noise either, this does not darken the image. What the misfit of a linear model
+ * still takes from the mean of the image, or adds to it, is given back:
+ *	times 1 + a l / (l + level), with l of the result, and one a for all pixels.
  */
 #ifndef GD_CROSSFIT_H
 #define GD_CROSSFIT_H
@@ -19,48 +21,63 @@
 
 #include "apr.h"
 
+#define GD_CROSSFIT_FEATURES (GD_APR_FEATURES - 7)	/* pilot and feature of a half come on top */
+
 struct gd_crossfit_conf {
 	bool fast;	/* one model in place of several */
 };
 
 /*
  * Planes of one size, finite.
- * y        ny planes of either half: the colour R G B, then any that share its weights
- * self     there are no halves: all samples are in y[0], var is needed, and the pilot made from them explains
- *          them (y[1] and feature[1] are not used). A pilot is smooth enough for that to cost little where noise is
- *          even, more where fine texture is all that G-buffers miss
- * whole    nwhole planes of all samples to estimate in place of y (the colour first), where layers have no
- *          halves of their own: smoothed with the mean of the weights that either half gets; 0: none
- * var      variance of the mean of all samples' colour, >= 0; v = NULL: from the difference of the halves
- * feat     nfeat planes common to both halves (G-buffers), filtered where they were noisy; scaled in
- *          place, and scaled back
+ * y        ny >= 3 planes of either half: the colour R G B, then any that share its weights
+ * self     there are no halves: all samples are in y[0], var is needed, and the pilot made from them
+ *          explains them (y[1], share and feature[1] are not used). A pilot is smooth enough for
+ *          that to cost little where noise is even, more where fine texture is all that G-buffers
+ *          miss
+ * whole    nwhole planes of all samples to estimate in place of y (the colour first), where layers
+ *          have no halves of their own: smoothed with the mean of the weights that either half
+ *          gets; 0: none
+ * share    of the samples that each half holds; both 0: 0.5
+ * var      variance of the mean of all samples' colour, >= 0; v = NULL: from the difference of the
+ *          halves
+ * feat     nfeat <= GD_CROSSFIT_FEATURES planes common to both halves (G-buffers), filtered where
+ *          they were noisy; shifted and scaled in place, and left so
  * feature  of either half, n planes; n = 0: none
  */
 struct gd_crossfit_in {
 	bool self;
 	int ny, nwhole, nfeat, nfeature;
+	double share[2];
 	struct gd_plane y[2][GD_APR_RHS], whole[GD_APR_RHS], var[3];
 	struct gd_plane feat[GD_APR_FEATURES], feature[2][4];
 };
 
 /*
- * est      ny (nwhole) planes; not negative where no plane of y is (with 3 planes; more are left as they are,
- *          so that layers still add up to the colour)
- * mse      3 planes: estimated mean squared error of the colour
+ * est      ny (nwhole) planes; not negative where no plane of y is (with 3 planes; more are left
+ *          as they are, so that layers still add up to the colour)
+ * mse      3 planes: estimated mean squared error of the colour, of the scale of 5x5 pixels
+ * spread   v = NULL, or the standard deviation of the models about their mean, the root of the mean
+ *          square of the three channels; 0 with one model
  * Must not overlap the input.
  */
 struct gd_crossfit_out {
-	struct gd_plane *est, *mse;
+	struct gd_plane *est, *mse, spread;
 };
 
 struct gd_crossfit_result {
 	int models;			/* regressions averaged, of either half */
 	double pilot_seconds, fit_seconds;
-	double gain;			/* the factor that keeps the mean */
+	double gain;			/* 1 + a above: what the brightest pixels are multiplied by */
 };
 
-/* Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. The result does not depend on the number of threads. */
-int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in, const struct gd_crossfit_conf *conf,
-		    struct gd_crossfit_result *result, const struct gd_report *report, struct gd_err *err);
+/*
+ * Needs 40 bytes a pixel beside its input and output, and 8 for each plane beyond the third; while
+ * it makes a pilot, what gd_nlr_run() takes.
+ * Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. The result does not depend on the number of
+ * threads; with the halves swapped it is the same to rounding.
+ */
+int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in,
+		    const struct gd_crossfit_conf *conf, struct gd_crossfit_result *result,
+		    const struct gd_report *report, struct gd_err *err);
 
 #endif

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * A buffer of gd-buffers(5) in, a clean image with its estimated error out: chooses the channels, mends
- * what is no number, filters noisy features, and runs one of
- *	several regressions on pilots, features and G-buffers (crossfit.h): the default; cross-fitted where the
- *	samples come in halves or bins
- *	one adaptive polynomial regression on all samples (apr_paper.h): if asked for
+ * A buffer of gd-buffers(5) in, a clean image with its estimated error out: chooses the channels,
+ * mends what is no number, filters noisy features, and runs one of
+ *	several regressions on pilots, features and G-buffers (crossfit.h), the default: cross-fitted
+ *	where the samples come in halves or bins
+ *	one adaptive polynomial regression on all samples (apr_paper.h), if asked for
  */
 #ifndef GD_DENOISE_H
 #define GD_DENOISE_H
@@ -20,7 +20,7 @@ struct gd_denoise_conf {
 	enum gd_apr_spike_mode spikes;
 	bool fast;			/* cross-fitted: one model of either half */
 	bool no_filter;			/* features are taken as they are */
-	bool keep;			/* what was used stays in the image */
+	bool keep;			/* what was used stays in the image, as it was read */
 	const char *features;		/* layers, "albedo,N,feature"; "auto": the known ones; "none" */
 	const char *layers;		/* to denoise along with the colour, or NULL */
 };
@@ -35,18 +35,22 @@ struct gd_denoise_result {
 };
 
 /*
- * Marks what gd_denoise_run() reads and what it does not hand on, in an image of which only the header is
- * known. GD_ESHAPE names a channel or layer that is missing.
+ * Marks what gd_denoise_run() reads and what it does not hand on, in an image of which only the
+ * header is known. GD_ESHAPE names a channel or layer that is missing.
  */
 int gd_denoise_want(struct gd_image *im, const struct gd_denoise_conf *conf, struct gd_err *err);
 
 /*
- * Replaces R G B (and the layers), adds error.* and model.*, drops what was used. All outputs are finite.
- * Layers that add up to the colour do so afterwards; those that come without halves or bins of their own make
- * the colour be smoothed whole, too, with the weights that the halves gave.
+ * Replaces R G B (and the layers), adds error.* and, with several models, model.spread (with one
+ * regression model.order and model.columns), drops what was used. All outputs are finite.
+ * Halves hold equal shares of the samples but where the attribute gd:bins, or the bins they are
+ * made of, are odd in number.
+ * Layers that add up to the colour do so afterwards; those that come without halves or bins of
+ * their own make the colour be smoothed whole, too, with the weights that the halves gave.
  * Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM.
  */
-int gd_denoise_run(struct gd_image *im, const struct gd_denoise_conf *conf, struct gd_denoise_result *result,
-		   const struct gd_report *report, struct gd_err *err);
+int gd_denoise_run(struct gd_image *im, const struct gd_denoise_conf *conf,
+		   struct gd_denoise_result *result, const struct gd_report *report,
+		   struct gd_err *err);
 
 #endif

@@ -117,17 +117,17 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 	near "$(val out.exr G)" 1 1e-5
 }
 
-@test "a firefly gives its energy back, up to twice the light around it" {
+@test "--single: a firefly gives its energy back, up to twice the light around it" {
 	"$support/mkexr.pl" in.exr 41 41 R='$x == 20 && $y == 20 ? 101 : 1' G=1 B=1 \
 		variance.R='$x == 20 && $y == 20 ? 10000 : 0.0001' variance.G=0 variance.B=0
-	"$gdapr" in.exr out.exr --compression none
+	"$gdapr" --single in.exr out.exr --compression none
 	near "$(val out.exr R)" "$(val in.exr R)" 1e-4
 	near "$(val out.exr R 20 20)" 1.2268 0.01	# 100 over 21x21 pixels
 	"$gdapr" --spikes drop in.exr out.exr --compression none
 	near "$(val out.exr R)" 1 1e-4
 	"$support/mkexr.pl" in.exr 41 41 R='$x == 20 && $y == 20 ? 1e30 : 1' G=1 B=1 \
 		variance.R='$x == 20 && $y == 20 ? inf() : 0.0001' variance.G=0 variance.B=0
-	"$gdapr" in.exr out.exr --compression none
+	"$gdapr" --single in.exr out.exr --compression none
 	awk -v r="$(val out.exr R 20 20)" 'BEGIN { exit !(r < 20) }'
 }
 
@@ -155,7 +155,7 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 	for s in "1 1" "1 9" "9 1" "2 2"; do
 		"$support/mkexr.pl" in.exr $s R='1 + $x + $y' G=1 B=1 variance.R=0.01 variance.G=0.01 variance.B=0.01 Z='$x'
 		"$gdapr" in.exr out.exr --compression none
-		near "$(val out.exr G)" 1 1e-5
+		near "$(val out.exr G)" 1 1e-3
 	done
 }
 
