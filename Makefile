@@ -88,7 +88,9 @@ $(TESTS) $(SUPPORT) $(BENCHES): $(O)/%: %.c $(O)/libgd.a
 tests: core $(TESTS) $(SUPPORT)
 
 # Every test, then every test again under the sanitizers; the last line is "N passed, M failed".
-test: tests plugin
+test:
+	@$(MAKE) --no-print-directory deps
+	@$(MAKE) --no-print-directory tests plugin
 	@$(MAKE) --no-print-directory SAN=$(SANITIZERS) O=build/san B=build/san/bin tests
 	@if [ -f $(B)/gd-plugin.so ]; then cp -p $(B)/gd-plugin.so build/san/bin/; fi
 	@tests/run plain:$(O):$(B) san:build/san:build/san/bin
@@ -104,7 +106,10 @@ lint:
 	@shellcheck -x .ci/run tests/run $(wildcard tests/bench/*.sh tests/support/*.sh tests/*.sh)
 	@echo "lint: nothing to say"
 
-demo: all
+# What make knows of libraries dates from before deps installed them: hence the second make.
+demo:
+	@$(MAKE) --no-print-directory deps
+	@$(MAKE) --no-print-directory all
 	@GD_BIN=$(B) tests/demo.sh testdata demo
 
 bench: all $(BENCHES) $(SUPPORT)
@@ -116,7 +121,9 @@ DEPS := $(DEPS_CORE) g++ libopenimageio-dev libopencolorio-dev libcmocka-dev bat
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
 deps:
-	@need=; for p in $(DEPS); do \
+	@command -v dpkg-query >/dev/null && command -v apt-get >/dev/null || { \
+		echo "not Debian: please install what matches $(DEPS)"; exit 0; }; \
+	need=; for p in $(DEPS); do \
 		dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q '^install ok' || need="$$need $$p"; done; \
 	if [ -z "$$need" ]; then echo "nothing is missing"; else echo "installing$$need"; \
 		$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get update -q && \
