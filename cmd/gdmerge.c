@@ -9,6 +9,8 @@
 #include "cli.h"
 #include "merge.h"
 
+#define NAMES_LINE 2048
+
 /* An input that was opened for its header and cannot be opened twice. */
 struct held {
 	struct gd_exr *file;
@@ -41,16 +43,19 @@ static int parse_spp(const char *text, double *spp, int n, struct gd_err *err)
 }
 
 /*
- * Which channel was taken for what: in full with -v, in one line where names had to be translated.
+ * Which channel was taken for what: in full with -v; line is for where names had to be translated,
+ * else "".
  */
 static int tell_names(struct gd_cli *cli, const struct gd_image *im,
-		      const struct gd_names_conf *conf, struct gd_err *err)
+		      const struct gd_names_conf *conf, char line[NAMES_LINE], struct gd_err *err)
 {
 	struct gd_names names = { 0 };
-	char line[2048] = "", what[600];
-	size_t used = 0;
+	char what[600];
+	size_t used = 0, head;
 	int rc = gd_names_resolve(&names, im, conf, err);
 
+	head = used = (size_t)snprintf(line, NAMES_LINE, "names of %s: ",
+				       gd_preset_name(names.preset));
 	for (int k = 0; k < names.n; k++) {
 		const struct gd_named *l = &names.layer[k];
 		const char *name = *l->layer ? l->layer : "colour";
@@ -64,20 +69,23 @@ static int tell_names(struct gd_cli *cli, const struct gd_image *im,
 			gd_note(&cli->report, "%s %s", what,
 				l->role == GD_ROLE_PASS ? "passes as it is in the first input"
 							: "is dropped");
-		if (l->renamed && used < sizeof line)
-			used += (size_t)snprintf(line + used, sizeof line - used, "%s%s%s from %s",
-						 used ? ", " : "", name, role, what);
+		if (l->renamed && l->role != GD_ROLE_DROP && used < NAMES_LINE)
+			used += (size_t)snprintf(line + used, NAMES_LINE - used, "%s%s%s from %s",
+						 used > head ? ", " : "", name, role, what);
 	}
-	if (*line && !cli->quiet && !cli->verbose)
-		fprintf(stderr, "%s: names of %s: %s (variance: %s)\n", cli->cmd->name,
-			gd_preset_name(names.preset), line, gd_variance_name(names.variance));
+	if (used == head)
+		*line = 0;
+	else if (used < NAMES_LINE)
+		snprintf(line + used, NAMES_LINE - used, " (variance: %s)",
+			 gd_variance_name(names.variance));
 	gd_cli_stat_text(cli, "names", gd_preset_name(names.preset));
 	gd_names_free(&names);
 	return rc;
 }
 
 static int survey(struct gd_cli *cli, struct gd_merge *m, const struct gd_merge_conf *conf,
-		  char **input, int n, const double *spp, struct held *held, struct gd_err *err)
+		  char **input, int n, const double *spp, struct held *held,
+		  char line[NAMES_LINE], struct gd_err *err)
 {
 	int rc = GD_OK;
 
@@ -92,7 +100,7 @@ static int survey(struct gd_cli *cli, struct gd_merge *m, const struct gd_merge_
 			rc = gd_merge_survey(m, &im, strcmp(input[i], "-") ? input[i] : "stdin",
 					     spp[i], err);
 		if (rc == GD_OK && i == 0)
-			rc = tell_names(cli, &im, &conf->names, err);
+			rc = tell_names(cli, &im, &conf->names, line, err);
 		if (rc == GD_OK && !strcmp(input[i], "-")) {
 			*held = (struct held){ file, im };
 			continue;
@@ -152,8 +160,12 @@ static void tell_result(struct gd_cli *cli, const struct gd_merge_result *r)
 	if (r->spread_ratio > 3 || (r->spread_ratio > 0 && r->spread_ratio < 1.0 / 3))
 		gd_cli_warn(cli, "the inputs' own standard deviation is %.2g times what their "
 			    "spread tells; is --variance right?", r->spread_ratio);
-	gd_note(&cli->report, "%d inputs, %g samples a pixel, %d bins", r->inputs, r->samples,
-		r->bins);
+	if (r->samples > 0)
+		gd_note(&cli->report, "%d inputs, %g samples a pixel, %d bins", r->inputs,
+			r->samples, r->bins);
+	else
+		gd_note(&cli->report, "%d inputs of unknown sample counts, %d bins", r->inputs,
+			r->bins);
 }
 
 int main(int argc, char **argv)
@@ -195,7 +207,7 @@ int main(int argc, char **argv)
 	struct gd_merge_result result = { 0 };
 	struct gd_image out = { 0 };
 	struct held held = { 0 };
-	char dash[] = "-", *standard[] = { dash }, **input;
+	char names_line[NAMES_LINE] = "", dash[] = "-", *standard[] = { dash }, **input;
 	double *spp;
 	int n, rc = GD_OK;
 
@@ -221,7 +233,7 @@ int main(int argc, char **argv)
 	if (rc == GD_OK)
 		rc = gd_merge_begin(&m, &conf, &err);
 	if (rc == GD_OK)
-		rc = survey(&cli, m, &conf, input, n, spp, &held, &err);
+		rc = survey(&cli, m, &conf, input, n, spp, &held, names_line, &err);
 	if (rc == GD_OK)
 		rc = gd_merge_plan(m, &cli.report, &err);
 	if (rc == GD_OK)
@@ -233,6 +245,8 @@ int main(int argc, char **argv)
 	gd_image_free(&held.im);
 	free(spp);
 	if (rc == GD_OK) {
+		if (*names_line && !cli.quiet && !cli.verbose)
+			fprintf(stderr, "%s: %s\n", cmd.name, names_line);
 		tell_result(&cli, &result);
 		rc = gd_cli_write(&cli, &out, &err);
 	}

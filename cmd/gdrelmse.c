@@ -221,7 +221,8 @@ static int match_windows(struct gd_box *u_box, struct gd_box *v_box, const struc
 			       v->w, v->h);
 	if (rule == SAME && moved)
 		return gd_fail(err, GD_ESHAPE, "%s: its data window begins at (%d, %d), the "
-			       "reference's at (%d, %d); see --windows", name, p.x0, p.y0, q.x0, q.y0);
+			       "reference's at (%d, %d); see --windows", name, p.x0, p.y0, q.x0,
+			       q.y0);
 	*u_box = *v_box = (struct gd_box){ 0, 0, u->w - 1, u->h - 1 };
 	return GD_OK;
 }
@@ -446,7 +447,8 @@ static void print_head(FILE *out, const struct job *job)
 		100 * opt->conf.trim);
 	if (opt->rank)
 		fprintf(out, "rank: Spearman's correlation of %s with the true squared error over "
-			"%zu blocks of %dx%d.\n", opt->error, job->result[0].rank.blocks, opt->block, opt->block);
+			"%zu blocks of %dx%d.\n", opt->error, job->result[0].rank.blocks,
+			opt->block, opt->block);
 	fputc('\n', out);
 }
 
@@ -547,6 +549,9 @@ static int run(struct job *job, struct gd_err *err)
 	int rc = check_options(opt, err);
 	const char *reference = opt->reference;
 
+	if (rc == GD_OK && opt->heatmap && gd_picture_misnamed(opt->heatmap))
+		rc = gd_fail(err, GD_EARG, "--heatmap: %s: a PNG does not get the name of an EXR",
+			     opt->heatmap);
 	if (rc == GD_OK && !reference && n < 2)
 		rc = gd_fail(err, GD_EARG, "need an image and a reference");
 	if (rc != GD_OK)

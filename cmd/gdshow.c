@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* gdshow: layers of images as PNG. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,6 +28,7 @@ struct job {
 	char **layer;
 	struct gd_show_range *range;	/* one a layer; hi == lo: not yet known */
 	struct gd_picture *pic;		/* nlayer rows of nimage */
+	size_t pixels;			/* of all of them so far */
 	char **label;
 };
 
@@ -43,7 +45,7 @@ static int check_range(struct job *job, struct gd_err *err)
 	if (!job->opt.range)
 		return GD_OK;
 	if (sscanf(job->opt.range, "%f,%f%n", &lo, &hi, &end) != 2 || end < 0 ||
-	    job->opt.range[end] || !(hi > lo))
+	    job->opt.range[end] || !(hi > lo) || !isfinite(lo) || !isfinite(hi))
 		return gd_fail(err, GD_EARG, "--range: \"%s\" is not LO,HI with LO below HI",
 			       job->opt.range);
 	for (int i = 0; i < job->nlayer; i++) {
@@ -60,8 +62,8 @@ static int check_options(struct job *job, struct gd_err *err)
 	int scale = 0;
 
 	if (!gd_show_as_find(opt->as, &job->as))
-		return gd_fail(err, GD_EARG, "--as: \"%s\" is none of auto, colour, scalar, signed, "
-			       "normal, position", opt->as);
+		return gd_fail(err, GD_EARG, "--as: \"%s\" is none of auto, colour, scalar, "
+			       "signed, normal, position", opt->as);
 	while (scale < 4 && strcmp(opt->scale, scales[scale]))
 		scale++;
 	if (scale == 4)
@@ -74,6 +76,9 @@ static int check_options(struct job *job, struct gd_err *err)
 		return gd_fail(err, GD_EARG, "several layers and labels need --sheet");
 	if (!strcmp(opt->output, "-") && isatty(STDOUT_FILENO))
 		return gd_fail(err, GD_EARG, "a PNG is not written to a terminal; see -o");
+	if (gd_picture_misnamed(opt->output))	/* more likely an image to be shown */
+		return gd_fail(err, GD_EARG, "%s: a PNG does not get the name of an EXR; to show "
+			       "several images use --sheet", opt->output);
 	return check_range(job, err);
 }
 
@@ -219,6 +224,10 @@ static int draw(struct job *job, struct gd_picture *pic, const struct gd_image *
 		rc = gd_picture_zoom(pic, job->opt.zoom, err);
 	if (rc == GD_OK && coloured && job->opt.legend)
 		rc = gd_picture_legend(pic, &conf, err);
+	job->pixels += (size_t)pic->w * (size_t)pic->h;
+	if (rc == GD_OK && job->pixels > GD_PICTURE_PIXELS)
+		rc = gd_fail(err, GD_ESHAPE, "the sheet is beyond %d megapixels",
+			     GD_PICTURE_PIXELS >> 20);
 	return rc;
 }
 

@@ -621,7 +621,8 @@ static int save_stats(struct gd_cli *cli, int status, const char *message)
 	gd_cli_stat(cli, "io_seconds", cli->io_seconds);
 	if (gd_json_save(&cli->figures, cli->stats, &err) == GD_OK)
 		return status;
-	fprintf(stderr, "%s: %s\n", cli->cmd->name, err.text);
+	if (status != 2)	/* else its one line has been told */
+		fprintf(stderr, "%s: %s\n", cli->cmd->name, err.text);
 	return 2;
 }
 

@@ -26,7 +26,7 @@ struct gd_opt {
 	const char *name;	/* long name */
 	const char *arg;	/* what the argument is called in the help, NULL for a flag */
 	enum gd_opt_kind kind;
-	void *target;		/* bool, int, double, const char *, struct gd_list or uint64_t */
+	void *target;	/* bool, int, double, const char *, struct gd_list or uint64_t */
 	double min, max;	/* range of numbers, inclusive */
 	const char *help;
 };
@@ -36,7 +36,8 @@ struct gd_opt {
 #define GD_FLAG(key, name, t, help) \
 	{ key, name, NULL, _Generic((t), bool *: GD_OPT_FLAG), t, 0, 0, help }
 #define GD_OPT(key, name, arg, t, help)		{ key, name, arg, GD_KIND(t), t, 0, 0, help }
-#define GD_NUM(key, name, arg, t, lo, hi, help)	{ key, name, arg, GD_KIND(t), t, lo, hi, help }
+#define GD_NUM(key, name, arg, t, lo, hi, help) \
+	{ key, name, arg, GD_KIND(t), t, lo, hi, help }
 #define GD_OPT_END				{ 0, NULL, NULL, GD_OPT_FLAG, NULL, 0, 0, NULL }
 
 struct gd_cmd {

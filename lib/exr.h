@@ -20,7 +20,7 @@
 
 #include "image.h"
 
-#define GD_MAX_SIDE	65536			/* pixels; a header that asks for more is refused */
+#define GD_MAX_SIDE	65536	/* pixels; a header that asks for more is refused */
 #define GD_MAX_BYTES	((size_t)1 << 37)	/* of decoded pixels in one image */
 
 struct gd_exr;		/* an open file */

@@ -12,9 +12,9 @@
 
 #include "turn.h"
 
-#define MAX_RATIO	2048	/* more than any codec packs into a byte: deflate's limit is 1032 */
+#define MAX_RATIO	2048	/* more than any codec packs into a byte; deflate: 1032 */
 #define LEADER		8	/* bytes before the data of a scanline chunk: row and size */
-#define SMALL		((size_t)256 << 10)	/* bytes; done before threads have woken up */
+#define SMALL		((size_t)256 << 10)	/* bytes; done before threads wake up */
 #define STREAM_BYTES	((size_t)512 << 10)	/* of a stream, read at a time */
 
 /* Where the rows of a file's channel go. */
@@ -102,7 +102,7 @@ static void unpack(const struct job *job, const exr_chunk_info_t *k, const unsig
 			if (t->chan && t->chan->v) {
 				float *row = t->chan->v + y * stride;
 				row_float(row + x0, in, t->type, k->width);
-				if (x0 + (size_t)k->width == w)		/* the padding is defined */
+				if (x0 + (size_t)k->width == w)	/* the padding is defined */
 					memset(row + w, 0, (stride - w) * sizeof(*row));
 			} else if (t->chan) {
 				memcpy(t->chan->raw + (y * w + x0) * t->bytes, in, n);

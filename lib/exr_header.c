@@ -6,7 +6,7 @@
 
 #define PROLOGUE	8		/* magic number and version */
 #define VERSION_AT	4
-#define MULTIPART	0x1000u		/* in the version: several parts, ended by an empty one */
+#define MULTIPART	0x1000u		/* in the version: parts, ended by an empty one */
 #define MAX_HEADER	((uint64_t)1 << 28)
 #define FIRST_BYTES	65536		/* nearly every header is shorter */
 

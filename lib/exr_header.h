@@ -10,7 +10,7 @@
 #include "image.h"
 #include "input.h"
 
-#define GD_EXR_NAME	255	/* longest name in bytes; more than 31 needs a flag in the header */
+#define GD_EXR_NAME	255	/* longest name in bytes; over 31 needs a flag in the header */
 #define GD_EXR_SHORT	31
 
 /*

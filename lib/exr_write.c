@@ -18,8 +18,8 @@
 
 #define ZIP_LEVEL	4		/* nearly the size of level 6 for half the time */
 #define LEADER		8		/* bytes before a chunk's data */
-#define SMALL		((size_t)256 << 10)	/* bytes; done before threads have woken up */
-#define RAW_BYTES	((size_t)1 << 20)	/* uncompressed rows handed over at a time, about */
+#define SMALL		((size_t)256 << 10)	/* bytes; done before threads wake up */
+#define RAW_BYTES	((size_t)1 << 20)	/* uncompressed rows handed over at a time */
 
 struct writer {
 	const struct gd_image *im;
@@ -393,7 +393,7 @@ int gd_exr_write(const struct gd_image *im, const char *path, const struct gd_wr
 		 struct gd_err *err)
 {
 	enum gd_compression compression = conf ? conf->compression : GD_NONE;
-	struct writer w = { .im = im, .label = strcmp(path, "-") == 0 ? "stdout" : path };
+	struct writer w = { .im = im, .label = strcmp(path, "-") && *path ? path : "stdout" };
 	int rc = check_image(im, w.label, err);
 
 	if (rc == GD_OK)

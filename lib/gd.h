@@ -33,7 +33,7 @@ int gd_fail(struct gd_err *err, int code, const char *format, ...)
  * Both are called from the thread that called the routine, never from inside a parallel loop.
  */
 struct gd_report {
-	void (*note)(void *user, const char *text);			/* one line, no newline */
+	void (*note)(void *user, const char *text);	/* one line, no newline */
 	void (*progress)(void *user, const char *stage, double done);	/* done in 0 .. 1 */
 	void *user;
 };

@@ -9,8 +9,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define BLOCK		((uint64_t)2 << 20)	/* a huge page: what is given back at a time */
-#define PIPE_BYTES	(1 << 20)		/* the most an unprivileged process may ask for */
+#define BLOCK		((uint64_t)2 << 20)	/* a huge page: given back at a time */
+#define PIPE_BYTES	(1 << 20)	/* the most an unprivileged process may ask for */
 #define FIRST_MAP	((size_t)1 << 36)	/* address space to ask for at first */
 #define READ_BYTES	(8 << 20)		/* the most that one read takes */
 #define MAX_SLURP	((uint64_t)1 << 38)

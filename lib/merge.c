@@ -209,6 +209,21 @@ static int join_attributes(struct gd_merge *m, const struct gd_image *im, struct
 }
 
 /*
+ * Blender writes its samples per pixel as a share of those asked for: none is above 1 then, and
+ * this is what a share of 1 stands for.
+ */
+static double share_of(const struct gd_merge *m, const struct merge_input *in, struct gd_plane p)
+{
+	if (m->names.preset != GD_NAMES_CYCLES || !(in->spp > 1))
+		return 1;
+	for (int y = 0; y < p.h; y++)
+		for (int x = 0; x < p.w; x++)
+			if (gd_row(p, y)[x] > 1)
+				return 1;
+	return in->spp;
+}
+
+/*
  * Samples per pixel of the whole input: a plane of its "samples", made fit for weights, with their
  * mean in all; or one number.
  */
@@ -218,6 +233,7 @@ static int input_count(struct gd_merge *m, int i, const struct gd_image *im, str
 	const struct merge_input *in = &m->input[i];
 	const struct gd_named *samples = gd_names_find(&m->names, GD_ROLE_SAMPLES, "samples");
 	struct gd_plane plane[GD_NAMED_MAX];
+	float one;
 	int rc = GD_OK;
 
 	*count = (struct gd_count){ .all = in->spp > 0 ? in->spp : 1 };
@@ -228,11 +244,12 @@ static int input_count(struct gd_merge *m, int i, const struct gd_image *im, str
 		return rc;
 	count->plane = plane[0];
 	count->all = 0;
+	one = (float)share_of(m, in, plane[0]);
 	for (int y = 0; y < m->h; y++) {
 		float *row = gd_row(plane[0], y);
 
 		for (int x = 0; x < m->w; x++) {
-			row[x] = isfinite(row[x]) && row[x] > 0 ? row[x] : 0;
+			row[x] = isfinite(row[x]) && row[x] > 0 ? one * row[x] : 0;
 			count->all += (double)row[x];
 		}
 	}
@@ -314,7 +331,8 @@ struct source {
 	const struct merge_input *in;
 	int n;
 	struct gd_plane mean[GD_NAMED_MAX], var[GD_NAMED_MAX];
-	struct gd_plane part[GD_MAX_BINS * MERGE_COMP];	/* bin b, channel c at b * MERGE_COMP + c */
+	/* bin b, channel c at b * MERGE_COMP + c */
+	struct gd_plane part[GD_MAX_BINS * MERGE_COMP];
 	enum gd_variance kind;
 	float limit;
 	bool has_variance;

@@ -3,17 +3,23 @@
  * Several renders of one frame into one gd buffer, one input in memory at a time:
  *
  *	gd_merge_begin(&m, &conf, &err)
- *	for each input: gd_merge_survey(m, header, "run0.exr", 0, &err)
+ *	for each input:       gd_merge_survey(m, header, "run0.exr", 0, &err)
  *	gd_merge_plan(m, &report, &err)
- *	for each input again: gd_merge_want(m, i, &im, &err), load its pixels, gd_merge_add(m, i,
- *&im, &err) gd_merge_finish(m, &out, &result, &report, &err) gd_merge_free(m)
+ *	for each input again: gd_merge_want(m, i, &im, &err), load its pixels,
+ *	                      gd_merge_add(m, i, &im, &report, &err)
+ *	gd_merge_finish(m, &out, &result, &report, &err)
+ *	gd_merge_free(m)
  *
- * Let input p have n_p samples at a pixel and the means m_p there. The merged mean is
- * m = sum n_p m_p / n, n = sum n_p. Its variance, for a layer that carries variances v_p (of the
- *mean) in every input: sum [ v_p n_p (n_p - 1) + n_p (m_p - m)^2 ] / (n (n - 1)) which is what one
- *render of n samples would have told; without sample counts sum n_p^2 v_p / n^2. For a layer
- *without, from the spread of U independent parts u of n_u samples (inputs, or the bins that they
- *hold): sum n_u (m_u - m)^2 / ((U - 1) n). Both are unbiased when n_p does not depend on m_p.
+ * Let input p have n_p samples at a pixel and the means m_p there, each the mean of its n_p.
+ * The merged mean is
+ *	m = sum n_p m_p / n,  n = sum n_p.
+ * Its variance, for a layer that carries variances v_p (of the mean) in every input:
+ *	sum [ v_p n_p (n_p - 1) + n_p (m_p - m)^2 ] / (n (n - 1)),
+ * which is what one render of n samples would have told; without sample counts, sum v_p / N^2 of N
+ * inputs. For a layer without, from the spread of U independent parts u of n_u samples (inputs, or
+ * the bins that they hold):
+ *	sum n_u (m_u - m)^2 / ((U - 1) n).
+ * All are unbiased when n_p does not depend on m_p.
  */
 #ifndef GD_MERGE_H
 #define GD_MERGE_H
@@ -23,15 +29,16 @@
 
 struct gd_merge_conf {
 	struct gd_names_conf names;
-	int bins; /* number of bins to write; < 0: as gd_merge_plan() finds best; 0: none */
+	int bins;		/* to write; < 0: as gd_merge_plan() finds best; 0: none */
 	bool halves;		/* write half0, half1: the even and the odd bins */
-	bool own_edges; /* a gradient has the sample count of its own pixel, not of both it joins */
+	bool own_edges;		/* a gradient has the samples of its own pixel, not of both it
+				 * joins */
 };
 
 struct gd_merge_result {
 	int inputs, bins;
 	double samples;		/* per pixel, mean over the image; 0 if not known */
-	size_t dropped; /* pixels of inputs left out for NaN or Inf, each layer for itself */
+	size_t dropped;		/* pixels of inputs left out for NaN or Inf, of each layer */
 	size_t empty;		/* pixels of the colour without any sample: 0 */
 	double bin_ratio;	/* samples of the fullest bin over those of the emptiest */
 	double spread_ratio; /* standard deviation by the inputs' variances over that by the spread
@@ -45,8 +52,8 @@ void gd_merge_free(struct gd_merge *m);		/* takes NULL */
 
 /*
  * Looks at an input's header. label names it in messages; spp is its sample count, 0: its channel
- * "samples" or an attribute tells. GD_ESHAPE if its size is not that of the first or it has no
- * colour.
+ * "samples" or an attribute tells. GD_ESHAPE if its data window is not that of the first or it
+ * has no colour.
  */
 int gd_merge_survey(struct gd_merge *m, const struct gd_image *im, const char *label, double spp,
 		    struct gd_err *err);

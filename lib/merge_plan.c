@@ -63,9 +63,6 @@ static int survey_layer(struct gd_merge *m, const struct gd_named *found, const 
 {
 	struct merge_layer *l = gd_merge_layer(m, found->layer);
 
-	if (found->n > MERGE_COMP)
-		return gd_fail(err, GD_ESHAPE, "%s: %s has %d channels, at most %d can be merged",
-			       label, found->layer, found->n, MERGE_COMP);
 	if (!l) {
 		l = realloc(m->layer, (size_t)(m->nlayer + 1) * sizeof *l);
 		if (!l)
@@ -184,10 +181,16 @@ int gd_merge_survey(struct gd_merge *m, const struct gd_image *im, const char *l
 	if (!m->ninput) {
 		m->w = im->w;
 		m->h = im->h;
+		m->x0 = im->data.x0;
+		m->y0 = im->data.y0;
 	}
 	if (im->w != m->w || im->h != m->h)
 		return gd_fail(err, GD_ESHAPE, "%s: %d x %d pixels, expected %d x %d as in %s",
 			       label, im->w, im->h, m->w, m->h, m->input[0].label);
+	if (im->data.x0 != m->x0 || im->data.y0 != m->y0)
+		return gd_fail(err, GD_ESHAPE,
+			       "%s: data window at (%d, %d), expected (%d, %d) as in %s", label,
+			       im->data.x0, im->data.y0, m->x0, m->y0, m->input[0].label);
 	return survey_input(m, im, label, spp, err);
 }
 

@@ -6,13 +6,13 @@
 #include "accum.h"
 #include "merge.h"
 
-#define MERGE_COMP 3
+#define MERGE_COMP GD_NAMED_MAX	/* channels of a layer */
 
 struct merge_layer {
 	char name[256];			/* "" is the colour */
 	int n;				/* channels */
 	char out[MERGE_COMP][256];	/* their names in the result */
-	bool binned;			/* the colour and its gradients: what bins are made of */
+	bool binned;		/* the colour and its gradients: what bins are made of */
 	bool half;			/* half0 or half1: half the samples */
 	bool wanted;
 	int carriers, with_variance;	/* inputs that have it; that have its variance */
@@ -37,6 +37,7 @@ struct merge_input {
 struct gd_merge {
 	struct gd_merge_conf conf;
 	int w, h, ninput, nlayer;
+	int x0, y0;			/* where the data windows begin */
 	struct merge_input *input;
 	struct merge_layer *layer;
 	const char *wants_counts;	/* label of an input whose variances need sample counts */

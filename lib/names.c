@@ -172,7 +172,7 @@ static struct found find_base(const struct gd_image *im, const bool *taken, cons
 	struct found f;
 
 	for (size_t t = 0; t < sizeof triples / sizeof *triples; t++) {
-		int skip = !*base && t < 2;	/* the colour without a layer's name: R, not .R */
+		int skip = !*base && t < 2;	/* the colour has no layer: R, not .R */
 
 		if (!*base && t >= 2)
 			return (struct found){ 0 };
@@ -584,8 +584,14 @@ static int add_rest(struct builder *b, const struct gd_names_conf *conf)
 			role = strlen(ch->name) > 255 ? GD_ROLE_PASS : GD_ROLE_DROP;
 		for (int k = first; k < names->n && !l; k++)
 			if (names->layer[k].role == role && !strcmp(names->layer[k].layer, base) &&
-			    names->layer[k].n < GD_NAMED_MAX && role != GD_ROLE_PASS && *c)
+			    role != GD_ROLE_PASS && *c)
 				l = &names->layer[k];
+		if (l && l->n == GD_NAMED_MAX) {	/* a fifth component stands alone */
+			snprintf(base, sizeof base, "%s", ch->name);
+			if (role == GD_ROLE_VARIANCE)
+				role = GD_ROLE_MEAN;
+			l = NULL;
+		}
 		if (!l) {
 			l = append(b);
 			if (!l)

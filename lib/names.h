@@ -25,14 +25,14 @@ enum gd_variance {
 	GD_VARIANCE_NONE,   /* nothing: they are dropped */
 	GD_VARIANCE_MEAN,   /* the variance of m */
 	GD_VARIANCE_SAMPLE, /* the variance of one sample: n times that of m */
-	GD_VARIANCE_M2	    /* the mean of the squared samples: (m2 - m^2) / (n - 1) is that of m */
+	GD_VARIANCE_M2	    /* mean of the squared samples: (m2 - m^2) / (n - 1) is that of m */
 };
 
 enum gd_role {
 	GD_ROLE_MEAN,	  /* a mean over samples */
 	GD_ROLE_VARIANCE, /* the variance (see enum gd_variance) of the layer named by layer */
 	GD_ROLE_SAMPLES,  /* samples per pixel */
-	GD_ROLE_PASS,	  /* not a quantity that can be averaged: identifiers, cryptomattes, UINT */
+	GD_ROLE_PASS,	  /* cannot be averaged: identifiers, cryptomattes, UINT */
 	GD_ROLE_DROP	  /* known, and without a meaning in a merged buffer */
 };
 
@@ -57,7 +57,7 @@ struct gd_names {
 struct gd_names_conf {
 	enum gd_preset preset;
 	enum gd_variance variance;
-	int nmap;		/* "albedo=Denoising Albedo.{R,G,B}", "Z=depth", "variance=a,b,c" */
+	int nmap;	/* "albedo=Denoising Albedo.{R,G,B}", "Z=depth", "variance=a,b,c" */
 	const char *const *map;
 	int npass;		/* patterns as in a shell; channels that match pass unchanged */
 	const char *const *pass;

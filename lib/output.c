@@ -112,12 +112,16 @@ int gd_output_open(struct gd_output **result, const char *path, bool stream, str
 	*result = NULL;
 	if (!out)
 		return gd_fail(err, GD_ENOMEM, "%s: out of memory", path);
+	if (!*path) {
+		free(out);
+		return gd_fail(err, GD_EARG, "the output has an empty name");
+	}
 	out->label = standard ? "stdout" : path;
 	out->fd = -1;
 	out->hold = !stream;
 	if (standard) {
 		out->fd = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
-		fcntl(out->fd, F_SETPIPE_SZ, 1 << 20);	/* fails for what is no pipe: no matter */
+		fcntl(out->fd, F_SETPIPE_SZ, 1 << 20);	/* no pipe: no matter */
 	} else if (stat(path, &st) != 0) {
 		if (errno == ENOENT)
 			rc = open_file(out, path, NULL, err);

@@ -8,10 +8,10 @@
 /* What the squared error of a channel is divided by; c is one channel of the reference r. */
 enum gd_relmse_form {
 	GD_REL_R2_EPS,		/* "r2+eps":    r_c^2 + eps		the default */
-	GD_REL_R_EPS_2,		/* "(r+eps)2":  (|r_c| + eps)^2		pbrt's imgtool */
+	GD_REL_R_EPS_2,		/* "(r+eps)2":  (|r_c| + eps)^2	pbrt's imgtool */
 	GD_REL_LUM,		/* "lum":       Y(r)^2 + eps, Y of Rec. 709 */
 	GD_REL_MEAN,		/* "mean":      (mean over channels of r)^2 + eps */
-	GD_REL_HALF,		/* "half":      2 (r_c^2 + eps)		a common training loss */
+	GD_REL_HALF,		/* "half":      2 (r_c^2 + eps)	a common training loss */
 	GD_REL_FORMS
 };
 
@@ -48,9 +48,10 @@ struct gd_relmse {
 	double trimmed;				/* mean of e without the ntrimmed largest */
 	double p50, p95, p99, max;		/* of e, nearest rank */
 	double mse;			/* mean of (x - r)^2, with halves of (x - a)(x - b) */
-	double mae;			/* mean of |x - r|	these three with r even where */
-	double mape;			/* of |x - r| / (|r| + eps)	there are halves: */
-	double smape;			/* of |x - r| / (|x| + |r| + eps)	they hold its noise */
+	/* These three with r even where there are halves: they hold its noise. */
+	double mae;			/* mean of |x - r| */
+	double mape;			/* of |x - r| / (|r| + eps) */
+	double smape;			/* of |x - r| / (|x| + |r| + eps) */
 	double mean, reference;		/* means of x and r; the bias is their difference */
 	size_t pixels, ntrimmed;	/* compared, left out of trimmed */
 	size_t nonfinite;		/* compared pixels with a value of x that is not finite */
@@ -81,7 +82,7 @@ int gd_relmse_map(struct gd_plane map, const struct gd_relmse_in *in,
 		  const struct gd_relmse_conf *conf, struct gd_err *err);
 
 struct gd_relmse_rank {
-	double rho;		/* Spearman's, ties at their mean rank; NaN if either is constant */
+	double rho;	/* Spearman's, ties at their mean rank; NaN if either is constant */
 	double ratio;		/* mean estimate / mean true squared error */
 	size_t blocks;
 };

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "file.h"
 #include "font.h"
@@ -216,9 +217,10 @@ void gd_picture_free(struct gd_picture *pic)
 
 static int picture_init(struct gd_picture *pic, long long w, long long h, struct gd_err *err)
 {
-	if (w < 1 || h < 1 || w > 65536 || h > 65536)
-		return gd_fail(err, GD_ESHAPE,
-			       "a picture of %lldx%lld pixels is beyond 65536x65536", w, h);
+	if (w < 1 || h < 1 || w > GD_PICTURE_SIDE || h > GD_PICTURE_SIDE ||
+	    w * h > GD_PICTURE_PIXELS)
+		return gd_fail(err, GD_ESHAPE, "a picture of %lldx%lld pixels is beyond %d a side "
+			       "or %d megapixels", w, h, GD_PICTURE_SIDE, GD_PICTURE_PIXELS >> 20);
 	pic->rgb = gd_calloc((size_t)w * (size_t)h, 3 * sizeof(float));
 	if (!pic->rgb)
 		return gd_fail(err, GD_ENOMEM, "out of memory (a picture of %lldx%lld)", w, h);
@@ -363,6 +365,13 @@ static void quantise(void *to, const float *from, size_t n, int bits)
 		else
 			((uint8_t *)to)[i] = (uint8_t)(v * top + 0.5f);
 	}
+}
+
+bool gd_picture_misnamed(const char *path)
+{
+	const char *dot = strrchr(path, '.');
+
+	return dot && !strcasecmp(dot, ".exr");
 }
 
 int gd_picture_write(const struct gd_picture *pic, const char *path, int bits, struct gd_err *err)

@@ -8,6 +8,9 @@
 #include "gd.h"
 #include "plane.h"
 
+#define GD_PICTURE_SIDE		65536		/* pixels; larger pictures are refused ... */
+#define GD_PICTURE_PIXELS	(1 << 28)	/* ... and such that need over 3 GiB */
+
 /* w x h pixels of interleaved RGB, as a display shows it (0 .. 1, encoded). { 0 } is empty. */
 struct gd_picture {
 	int w, h;
@@ -81,6 +84,9 @@ int gd_picture_sheet(struct gd_picture *sheet, const struct gd_picture *pic,
 
 /* A bar of the false colours of SCALAR or SIGNED below the picture, with the ends of the range. */
 int gd_picture_legend(struct gd_picture *pic, const struct gd_show_conf *conf, struct gd_err *err);
+
+/* Does path end in .exr, so that a PNG there would be a mistake? */
+bool gd_picture_misnamed(const char *path);
 
 /* Writes a PNG of 8 or 16 bits, whole or not at all; "-" is standard output. Needs the plug-in. */
 int gd_picture_write(const struct gd_picture *pic, const char *path, int bits, struct gd_err *err);

@@ -307,7 +307,8 @@ const char builtin[] =
 	"  - !<ColorSpace> {name: raw, isdata: true}\n"
 	"  - !<ColorSpace>\n"
 	"    name: srgb\n"
-	"    from_scene_reference: !<ExponentWithLinearTransform> {gamma: 2.4, offset: 0.055, direction: inverse}\n";
+	"    from_scene_reference: !<ExponentWithLinearTransform> "
+	"{gamma: 2.4, offset: 0.055, direction: inverse}\n";
 
 OCIO::ConstConfigRcPtr load_config()
 {
@@ -378,7 +379,7 @@ int shim_display(float *rgb, size_t n, const char *display, const char *view,
 			cpu->apply(image);
 		}
 		for (size_t i = 0; i < 3 * n; i++)
-			rgb[i] = rgb[i] > 0 ? (rgb[i] < 1 ? rgb[i] : 1) : 0;	/* NaN becomes 0 */
+			rgb[i] = rgb[i] > 0 ? (rgb[i] < 1 ? rgb[i] : 1) : 0; /* also NaN */
 		return rc;
 	});
 }

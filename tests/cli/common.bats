@@ -160,6 +160,14 @@ options_of_manual() {
 	[[ "$stderr" == "gdmerge: no/such/s.json: "* ]]
 }
 
+@test "a failure takes one line, whatever else fails" {
+	small
+	run --separate-stderr "$bin/gdmerge" nowhere.exr -o out.exr --stats no/such/s.json
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdmerge: nowhere.exr: No such file or directory" ]
+	run --separate-stderr "$bin/gdmerge" in.exr -o ""
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdmerge: the output has an empty name" ]
+}
+
 @test "an output that is the input" {
 	small
 	"$bin/gdmerge" in.exr in.exr --spp 1 -o in.exr --compression none

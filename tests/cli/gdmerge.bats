@@ -132,6 +132,32 @@ near() { awk -v a="$1" -v b="$2" 'BEGIN { d = a - b; if (d < 0) d = -d; exit !(d
 	[ ! -e bad.exr ]
 }
 
+@test "Blender's motion vectors, and its sample count as a share" {
+	for i in 1 2; do
+		make_exr b$i.exr 3 3 -a cycles.V.samples=16 V.Combined.R=$i V.Combined.G=2 V.Combined.B=3 \
+			V.Vector.X=$i V.Vector.Y=2 V.Vector.Z=3 V.Vector.W=4 "V.Debug Sample Count.X=\$x ? 1 : 0.25"
+	done
+	"$gdmerge" -q b1.exr b2.exr -o out.exr --compression none
+	near "$(val out.exr V.Vector.X 0 0)" 1.5
+	near "$(val out.exr V.Vector.W 0 0)" 4
+	near "$(val out.exr samples 0 0)" 8
+	near "$(val out.exr samples 1 0)" 32
+	near "$(val out.exr variance.R 0 0)" 0.25
+	# any number of components
+	make_exr six.exr 2 2 R=1 G=1 B=1 L.R=1 L.G=2 L.B=3 L.X=4 L.Y=5 L.Z=6
+	"$gdmerge" -q six.exr six.exr --bins 0 -o out.exr --compression none
+	for c in R.1 G.2 B.3 X.4 Y.5 Z.6; do near "$(val out.exr "L.${c%.*}" 1 1)" "${c#*.}"; done
+}
+
+@test "names are told when all went well, else one line says what is wrong" {
+	make_exr m.exr 2 2 R=1 G=1 B=1 m2_R=2 m2_G=2 m2_B=2
+	run --separate-stderr "$gdmerge" m.exr -o out.exr
+	[ "$status" -eq 2 ] && [ "${#stderr_lines[@]}" -eq 1 ]
+	run --separate-stderr "$gdmerge" m.exr --spp 4 -o out.exr
+	[ "$status" -eq 0 ]
+	[ "$stderr" = "gdmerge: names of mitsuba: colour variance from m2_{R,G,B} (variance: m2)" ]
+}
+
 @test "NaN and Inf are left out, counted and told" {
 	make_exr a.exr 4 3 -a gd:samplesPerPixel=1 R='$x == 1 ? nan() : 1' G=1 B=1
 	make_exr b.exr 4 3 -a gd:samplesPerPixel=1 R=3 G=3 B='$x == 1 && $y == 1 ? -inf() : 3'
@@ -194,6 +220,10 @@ near() { awk -v a="$1" -v b="$2" 'BEGIN { d = a - b; if (d < 0) d = -d; exit !(d
 	run --separate-stderr bash -c "'$gdmerge' a.exr - - -o out.exr <a.exr"
 	[ "$status" -eq 2 ]
 	[ "$stderr" = "gdmerge: standard input is named twice" ]
+	make_exr moved.exr 4 3 -o 1,0 R=1 G=1 B=1
+	run --separate-stderr "$gdmerge" a.exr moved.exr -o out.exr
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdmerge: moved.exr: data window at (1, 0), expected (0, 0) as in a.exr" ]
 	head -c 300 a.exr >cut.exr
 	run --separate-stderr "$gdmerge" a.exr cut.exr -o out.exr
 	[ "$status" -eq 2 ] && [ "${#stderr_lines[@]}" -eq 1 ] && [[ "$stderr" == "gdmerge: cut.exr: "* ]]

@@ -230,6 +230,14 @@ pair() {
 	[ -z "$output" ]
 }
 
+@test "--heatmap does not overwrite an EXR" {
+	mkexr one.exr 2 2 R=1 G=1 B=1
+	cp one.exr two.exr
+	run -2 --separate-stderr gdrelmse --heatmap two.exr one.exr one.exr
+	[ "${#stderr_lines[@]}" -eq 1 ]
+	cmp one.exr two.exr
+}
+
 @test "--heatmap makes a PNG; without the plug-in it says so, and all else works" {
 	pair
 	run -2 --separate-stderr env GD_PLUGIN_PATH=/nowhere gdrelmse --heatmap map.png img.exr ref.exr

@@ -146,6 +146,21 @@ ramp() {
 	run -2 gdshow --labels a ramp.exr out.png
 }
 
+@test "no PNG over an EXR, no endless range, no picture that fills the memory" {
+	ramp
+	cp ramp.exr other.exr
+	run -2 --separate-stderr gdshow ramp.exr other.exr
+	[[ $stderr == *"use --sheet" ]]
+	cmp ramp.exr other.exr
+	run -2 gdshow -l Z --range 0,inf ramp.exr out.png
+	mkexr wide.exr 2000 9 Z=1
+	run -2 --separate-stderr gdshow --zoom 64 -l Z wide.exr out.png
+	mkexr big.exr 1000 40 Z=1
+	run -2 --separate-stderr gdshow --sheet --zoom 64 -l Z,Z,Z big.exr -o out.png
+	[ "${#stderr_lines[@]}" -eq 1 ] && [[ $stderr == *megapixels ]]
+	[ ! -e out.png ]
+}
+
 @test "NaN pixels are magenta and counted" {
 	mkexr nan.exr 4 4 R='$x == 2 ? nan() : 0' G=0 B=0
 	mkexr magenta.exr 4 4 R='$x == 2' G=0 B='$x == 2'
