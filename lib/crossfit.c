@@ -16,6 +16,7 @@
 #define DISAGREE	2.0	/* squared error per variance of the models about their mean */
 #define DISAGREE_SELF	6.0	/* the same where no halves tell what noise does */
 #define GAIN_LIMIT	1.25	/* a mean that is further off is ruled by fireflies, not by misfit */
+#define FIREFLY		1000.0	/* times as bright as it should be */
 #define SQUARE_LIMIT	1e38	/* squares are cut here: weighted sums of them stay floats */
 
 /* A regression: windows of 2R+1, centres step apart, a polynomial of that order. */
@@ -244,6 +245,68 @@ static double level_of(const struct gd_plane *rgb, float *v)
 	for (int i = 0; i < n; i++)
 		sum += (double)v[i < n - 1 - n / 100 ? i : n - 1 - n / 100];
 	return sum / n;
+}
+
+/* Luminance of p's brightest pixel of the 3x3 around x, y; of those around it only, if apart. */
+static double brightest_near(const struct gd_plane *p, int x, int y, bool apart)
+{
+	double most = 0;
+
+	for (int j = y > 0 ? y - 1 : 0; j <= y + 1 && j < p->h; j++)
+		for (int i = x > 0 ? x - 1 : 0; i <= x + 1 && i < p->w; i++)
+			if (!apart || i != x || j != y)
+				most = fmax(most, luminance(p, i, j));
+	return most;
+}
+
+static void times_pixel(const struct gd_plane *p, int n, int x, int y, double times)
+{
+	for (int c = 0; c < n; c++)
+		gd_row(p[c], y)[x] = to_float(times * (double)gd_row(p[c], y)[x]);
+}
+
+/* Cuts pixel x, y of one half, by all its planes alike; the image of all samples loses its share. */
+static void cut_firefly(struct gd_crossfit_in *in, int half, int x, int y, double limit)
+{
+	double here = luminance(in->y[half], x, y), share = in->share[half];
+	double other = in->nwhole ? luminance(in->y[1 - half], x, y) : 0;
+	double times = limit / here, rest = (1 - share) * other;
+
+	times_pixel(in->y[half], in->ny, x, y, times);
+	times_pixel(in->whole, in->nwhole, x, y,
+		    (share * limit + rest) / (share * here + rest));
+}
+
+/*
+ * Fireflies that would blind whole windows: pixels of a half a thousand times brighter than the
+ * image and than what the other half (without: the neighbours) has there.
+ */
+static int cut_fireflies(struct gd_crossfit_in *in, struct gd_err *err)
+{
+	float *v = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *v);
+	double level = 0;
+
+	if (!v)
+		return gd_fail(err, GD_ENOMEM, "out of memory");
+	for (int half = 0; half < halves(in); half++)
+		level += level_of(in->y[half], v) / halves(in);
+	free(v);
+	for (int half = 0; half < halves(in) && level > 0; half++) {
+		const struct gd_plane *p = in->y[half], *other = in->y[explains(in, half)];
+
+		/* without halves neighbours are read that may just be cut: in order then */
+#pragma omp parallel for schedule(static) if (!in->self)
+		for (int y = 0; y < p->h; y++)
+			for (int x = 0; x < p->w; x++) {
+				double here = luminance(p, x, y), limit = FIREFLY * level;
+
+				if (here > limit)
+					limit = FIREFLY * (level + brightest_near(other, x, y, in->self));
+				if (here > limit)
+					cut_firefly(in, half, x, y, limit);
+			}
+	}
+	return GD_OK;
 }
 
 /* What a pixel counts: about 1 where dark, 1 / luminance^2 where bright. */
@@ -558,7 +621,9 @@ int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in
 	*result = (struct gd_crossfit_result){ .gain = 1 };
 	if (rc != GD_OK)
 		return rc;
-	rc = new_work(&w, in, err);
+	rc = cut_fireflies(in, err);
+	if (rc == GD_OK)
+		rc = new_work(&w, in, err);
 	if (rc == GD_OK) {
 		clear(out->est, planes(in));
 		clear(w.sum, in->self ? 0 : planes(in));

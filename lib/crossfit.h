@@ -37,6 +37,7 @@ struct gd_crossfit_conf {
  * whole    nwhole planes of all samples to estimate in place of y (the colour first), where layers
  *          have no halves of their own: smoothed with the mean of the weights that either half
  *          gets; 0: none
+ *          Pixels of a half 1000 times brighter than image and other half are cut to that, in place
  * share    of the samples that each half holds; both 0: 0.5
  * var      variance of the mean of all samples' colour, >= 0; v = NULL: from the difference of the
  *          halves
