@@ -521,10 +521,10 @@ static void test_fireflies(void **state)
 			}
 			run(j, false);
 			assert_sane(j);
-			for (int c = 0; c < 3; c++)	/* about 2 it should be everywhere */
+			for (int c = 0; c < 3; c++)	/* cut to some thousands, then spread */
 				for (int y = 0; y < H; y++)
 					for (int x = 0; x < W; x++)
-						below(fabs((double)gd_row(j->est[c], y)[x]), 40);
+						below(fabs((double)gd_row(j->est[c], y)[x]), 1000);
 			done(j);
 		}
 }
