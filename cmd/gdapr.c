@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* gdapr: denoise a frame by adaptive polynomial rendering. */
+/* gdapr: denoise a frame by local regression on features. */
 #include <string.h>
 
 #include "cli.h"

@@ -12,12 +12,12 @@
 #define PILOT_FEATURES	7	/* albedo, normal, depth: more cost time and did not lower the error */
 #define RIDGE		1e-4
 #define FLAT		1e-5
-#define DARK		0.1	/* of the image's level: below it errors count as they are, not relatively */
+#define DARK		0.1	/* of the image's level: below it errors count as they are */
 #define DISAGREE	2.0	/* squared error per variance of the models about their mean */
 #define DISAGREE_SELF	6.0	/* the same where no halves tell what noise does */
-#define GAIN_LIMIT	1.25	/* a mean that is further off is ruled by fireflies, not by misfit */
+#define GAIN_LIMIT	1.25	/* a mean further off is ruled by fireflies, not by misfit */
 #define FIREFLY		1000.0	/* times as bright as it should be */
-#define SQUARE_LIMIT	1e38	/* squares are cut here: weighted sums of them stay floats */
+#define SQUARE_LIMIT	1e38	/* squares are cut here: sums of them stay floats */
 
 /* A regression: windows of 2R+1, centres step apart, a polynomial of that order. */
 struct model {

@@ -55,8 +55,9 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 @test "--keep keeps what was used" {
 	frame in.exr
 	"$gdapr" --keep in.exr out.exr --compression none
-	for c in albedo.R Z Z.variance variance.R dx.R bin0.R; do
-		val out.exr "$c"
+	for c in albedo.R Z Z.variance variance.R dx.R bin0.R bin1.G; do
+		[ "$(val out.exr "$c" 11 7)" = "$(val in.exr "$c" 11 7)" ]
+		[ "$(val out.exr "$c")" = "$(val in.exr "$c")" ]
 	done
 }
 
@@ -149,6 +150,38 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 		[ "$status" -eq 2 ] && [ -n "$stderr" ] && [ "${#stderr_lines[@]}" -le 2 ]
 		[ ! -e out.exr ]
 	done
+}
+
+@test "layers that cannot be denoised are named" {
+	frame in.exr
+	for t in "layer Z is a feature: it cannot be denoised, too|-l Z" "layer light is named twice|-l light,light"; do
+		run --separate-stderr "$gdapr" ${t##*|} in.exr out.exr
+		[ "$status" -eq 2 ]
+		[[ "$stderr" == *"${t%%|*}"* ]]
+	done
+}
+
+@test "--fast is not for a single regression" {
+	frame in.exr
+	for o in --single --paper "-r 3"; do
+		run --separate-stderr "$gdapr" --fast $o in.exr out.exr
+		[ "$status" -eq 2 ]
+		[[ "$stderr" == *"--fast is for cross-fitting"* ]]
+	done
+}
+
+@test "model.spread of several models, none of one" {
+	frame in.exr
+	"$gdapr" in.exr out.exr --compression none
+	awk -v s="$(val out.exr model.spread)" 'BEGIN { exit !(s > 0 && s < 0.1) }'
+	"$gdapr" --fast in.exr out.exr --compression none
+	[[ " $(names out.exr)" != *" model."* ]]
+}
+
+@test "real renders: relMSE below what was measured and a tenth" {
+	data=$(realpath "${GD_TESTDATA:-$top/testdata}")
+	"$gdapr" "$data/kitchen/path16eq.exr" out.exr
+	"${gdapr%gdapr}gdrelmse" -r "$data/kitchen/reference.exr" out.exr --max 0.0064	# noisy: 0.0369
 }
 
 @test "one pixel, one row, one column" {
