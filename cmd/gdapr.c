@@ -18,10 +18,12 @@ static int settle(struct gd_denoise_conf *conf, const struct options *opt, struc
 	struct gd_apr_conf *apr = &conf->apr;
 
 	*apr = opt->paper ? paper : own;
-	conf->single = opt->paper || opt->single || opt->radius >= 0 || opt->step > 0 || opt->order >= 0 ||
-		       opt->order_min >= 0 || opt->kernel || opt->spikes;
+	conf->single = opt->paper || opt->single || opt->radius >= 0 || opt->step > 0 ||
+		       opt->order >= 0 || opt->order_min >= 0 || opt->kernel || opt->spikes;
 	if (conf->single && conf->fast)
-		return gd_fail(err, GD_EARG, "--fast is for cross-fitting: it does not go with a single regression");
+		return gd_fail(
+			err, GD_EARG,
+			"--fast is for cross-fitting: it does not go with a single regression");
 	if (opt->radius >= 0) {
 		apr->radius = opt->radius;
 		apr->step = opt->radius > 1 ? (opt->radius + 1) / 2 : 1;
@@ -35,10 +37,11 @@ static int settle(struct gd_denoise_conf *conf, const struct options *opt, struc
 	if (opt->order_min >= 0)
 		apr->order_min = opt->order_min;
 	if (apr->order_min > apr->order_max)
-		return gd_fail(err, GD_EARG, "--order-min %d is above --order %d", apr->order_min, apr->order_max);
+		return gd_fail(err, GD_EARG, "--order-min %d is above --order %d", apr->order_min,
+			       apr->order_max);
 	if (apr->step > 2 * apr->radius + 1)
-		return gd_fail(err, GD_EARG, "--step %d leaves gaps between windows of radius %d", apr->step,
-			       apr->radius);
+		return gd_fail(err, GD_EARG, "--step %d leaves gaps between windows of radius %d",
+			       apr->step, apr->radius);
 	if (!opt->kernel || !strcmp(opt->kernel, "gauss") || !strcmp(opt->kernel, "box"))
 		apr->kernel = !opt->kernel || *opt->kernel == 'g' ? GD_APR_GAUSS : GD_APR_BOX;
 	else
@@ -50,7 +53,8 @@ static int settle(struct gd_denoise_conf *conf, const struct options *opt, struc
 	else if (!strcmp(opt->spikes, "keep"))
 		conf->spikes = GD_SPIKES_KEEP;
 	else
-		return gd_fail(err, GD_EARG, "--spikes '%s': expected return, drop or keep", opt->spikes);
+		return gd_fail(err, GD_EARG, "--spikes '%s': expected return, drop or keep",
+			       opt->spikes);
 	return GD_OK;
 }
 
@@ -67,7 +71,8 @@ static void tell(struct gd_cli *cli, const struct gd_denoise_result *result)
 	gd_cli_stat(cli, "fitSeconds", result->fit_seconds);
 }
 
-static int run(struct gd_cli *cli, struct gd_image *im, const struct gd_denoise_conf *conf, struct gd_err *err)
+static int run(struct gd_cli *cli, struct gd_image *im, const struct gd_denoise_conf *conf,
+	       struct gd_err *err)
 {
 	struct gd_denoise_result result;
 	struct gd_exr *file;
@@ -94,24 +99,37 @@ int main(int argc, char **argv)
 	struct options opt = { .radius = -1, .step = -1, .order_min = -1, .order = -1 };
 	struct gd_denoise_conf conf = GD_DENOISE_DEFAULTS;
 	const struct gd_opt opts[] = {
-		GD_OPT('f', "features", "LIST", &conf.features, "layers to explain the image by, or auto, or none"),
-		GD_OPT('l', "layers", "LIST", &conf.layers, "layers to denoise along with the colour, alike"),
+		GD_OPT('f', "features", "LIST", &conf.features,
+		       "layers to explain the image by, or auto, or none"),
+		GD_OPT('l', "layers", "LIST", &conf.layers,
+		       "layers to denoise along with the colour, alike"),
 		GD_FLAG(0, "fast", &conf.fast, "one cross-fitted model in place of several"),
-		GD_FLAG(0, "paper", &opt.paper, "the method as published: one regression, 43x43 windows, all samples"),
-		GD_FLAG(0, "single", &opt.single, "one regression on all samples; so do the next six"),
-		GD_NUM('r', "radius", "PIXELS", &opt.radius, -1, GD_APR_RADIUS, "windows of 2r+1 pixels; -1: the method's own"),
-		GD_NUM(0, "step", "PIXELS", &opt.step, -1, 2 * GD_APR_RADIUS + 1, "distance of window centres; -1: half the radius"),
-		GD_NUM(0, "order", "K", &opt.order, -1, GD_APR_ORDER, "largest order of the polynomial; -1: 3"),
-		GD_NUM(0, "order-min", "K", &opt.order_min, -1, GD_APR_ORDER, "smallest order of the polynomial; -1: 0"),
-		GD_OPT(0, "kernel", "NAME", &opt.kernel, "weights in a window: gauss (the default) or box"),
-		GD_OPT(0, "spikes", "WHAT", &opt.spikes, "return (the default), drop or keep the energy of single bright pixels"),
+		GD_FLAG(0, "paper", &opt.paper,
+			"the method as published: one regression, 43x43 windows, all samples"),
+		GD_FLAG(0, "single", &opt.single,
+			"one regression on all samples; so do the next six"),
+		GD_NUM('r', "radius", "PIXELS", &opt.radius, -1, GD_APR_RADIUS,
+		       "windows of 2r+1 pixels; -1: the method's own"),
+		GD_NUM(0, "step", "PIXELS", &opt.step, -1, 2 * GD_APR_RADIUS + 1,
+		       "distance of window centres; -1: half the radius"),
+		GD_NUM(0, "order", "K", &opt.order, -1, GD_APR_ORDER,
+		       "largest order of the polynomial; -1: 3"),
+		GD_NUM(0, "order-min", "K", &opt.order_min, -1, GD_APR_ORDER,
+		       "smallest order of the polynomial; -1: 0"),
+		GD_OPT(0, "kernel", "NAME", &opt.kernel,
+		       "weights in a window: gauss (the default) or box"),
+		GD_OPT(0, "spikes", "WHAT", &opt.spikes,
+		       "return (the default), drop or keep the energy of single bright pixels"),
 		GD_FLAG(0, "no-filter", &conf.no_filter, "take noisy features as they are"),
 		GD_FLAG(0, "keep", &conf.keep, "write features, variances, bins and gradients too"),
-		GD_OPT_END
-	};
-	const struct gd_cmd cmd = { .name = "gdapr", .operands = "[input.exr [output.exr]]",
-				    .summary = "denoise by local regression on features", .opts = opts,
-				    .min_operands = 0, .max_operands = 2, .filter = true };
+		GD_OPT_END};
+	const struct gd_cmd cmd = {.name = "gdapr",
+				   .operands = "[input.exr [output.exr]]",
+				   .summary = "denoise by local regression on features",
+				   .opts = opts,
+				   .min_operands = 0,
+				   .max_operands = 2,
+				   .filter = true};
 	struct gd_cli cli = { 0 };
 	struct gd_image im = { 0 };
 	struct gd_err err = { 0 };

@@ -35,7 +35,8 @@ static int choose_channels(struct job *job, struct gd_err *err)
 	if (x != y)
 		return gd_fail(err, GD_ESHAPE, "%d bins of dx, but %d of dy", x, y);
 	if (x > GD_BOOT_MAX_BINS)
-		return gd_fail(err, GD_ESHAPE, "%d bins, at most %d are supported", x, GD_BOOT_MAX_BINS);
+		return gd_fail(err, GD_ESHAPE, "%d bins, at most %d are supported", x,
+			       GD_BOOT_MAX_BINS);
 	job->in.bins = x > 1 ? x : 1;
 	for (int b = 0; b < job->in.bins; b++) {
 		char dx[32], dy[32];
@@ -48,9 +49,12 @@ static int choose_channels(struct job *job, struct gd_err *err)
 			return gd_fail(err, GD_ESHAPE, "no channel %s.R", dy);
 	}
 	if (x < 2)
-		gd_cli_warn(&job->cli, "%s: no bins of gradients (bin0.dx.R, bin1.dx.R): no resampling", job->cli.input);
+		gd_cli_warn(&job->cli,
+			    "%s: no bins of gradients (bin0.dx.R, bin1.dx.R): no resampling",
+			    job->cli.input);
 	if (!gd_layer_want(&job->im, "", GD_READ))
-		gd_cli_warn(&job->cli, "%s: no channel R: the mean of the feature is 0", job->cli.input);
+		gd_cli_warn(&job->cli, "%s: no channel R: the mean of the feature is 0",
+			    job->cli.input);
 	return GD_OK;
 }
 
@@ -62,7 +66,8 @@ static int take_layer(struct job *job, const char *layer, struct gd_plane *to, s
 	if (job->in.n == 0)
 		job->in.n = n;
 	if (n != job->in.n)
-		return gd_fail(err, GD_ESHAPE, "layer %s has %d channels, expected %d", *layer ? layer : "R G B", n, job->in.n);
+		return gd_fail(err, GD_ESHAPE, "layer %s has %d channels, expected %d",
+			       *layer ? layer : "R G B", n, job->in.n);
 	memcpy(to, plane, (size_t)n * sizeof(*plane));
 	return GD_OK;
 }
@@ -146,8 +151,8 @@ static int run(struct job *job, struct gd_err *err)
 	gd_cli_stat(&job->cli, "iterations", job->result.iterations);
 	gd_cli_stat(&job->cli, "parts", job->result.parts);
 	if (job->result.residual > 1) {
-		gd_cli_warn(&job->cli, "%s: a relative residual is %.2g times what was asked for", job->cli.input,
-			    job->result.residual);
+		gd_cli_warn(&job->cli, "%s: a relative residual is %.2g times what was asked for",
+			    job->cli.input, job->result.residual);
 		job->cli.limit_missed = true;
 	}
 	return gd_cli_write(&job->cli, &job->im, err);
@@ -160,18 +165,26 @@ int main(int argc, char **argv)
 	const struct gd_opt opts[] = {
 		GD_NUM('B', "replicates", "N", &conf->replicates, 2, 1000, "bootstrap replicates"),
 		GD_OPT('s', "seed", "NUMBER", &conf->seed, "seed of the draws"),
-		GD_NUM(0, "floor", "RATIO", &conf->floor, 1e-6, 1e6, "added to each variance, times the median variance"),
-		GD_NUM(0, "smooth", "PIXELS", &conf->smooth_px, 0, 8, "standard deviation of the blur of the variances"),
-		GD_FLAG(0, "local", &job.local, "write the variance without the drift that neighbours share"),
-		GD_NUM(0, "local-sigma", "PIXELS", &conf->local_px, 0.3, 10, "standard deviation of the blur that is the drift"),
-		GD_NUM(0, "tolerance", "RESIDUAL", &conf->tolerance_t, 1e-6, 1, "relative residual of a replicate's difference"),
+		GD_NUM(0, "floor", "RATIO", &conf->floor, 1e-6, 1e6,
+		       "added to each variance, times the median variance"),
+		GD_NUM(0, "smooth", "PIXELS", &conf->smooth_px, 0, 8,
+		       "standard deviation of the blur of the variances"),
+		GD_FLAG(0, "local", &job.local,
+			"write the variance without the drift that neighbours share"),
+		GD_NUM(0, "local-sigma", "PIXELS", &conf->local_px, 0.3, 10,
+		       "standard deviation of the blur that is the drift"),
+		GD_NUM(0, "tolerance", "RESIDUAL", &conf->tolerance_t, 1e-6, 1,
+		       "relative residual of a replicate's difference"),
 		GD_OPT('l', "layer", "LAYER", &job.layer, "write to LAYER and its variance"),
 		GD_FLAG(0, "keep", &job.keep, "write the bins of gradients too"),
-		GD_OPT_END
-	};
-	const struct gd_cmd cmd = { .name = "gdbag", .operands = "[input.exr [output.exr]]",
-				    .summary = "feature image from bins of gradients, by bagging", .opts = opts,
-				    .min_operands = 0, .max_operands = 2, .filter = true };
+		GD_OPT_END};
+	const struct gd_cmd cmd = {.name = "gdbag",
+				   .operands = "[input.exr [output.exr]]",
+				   .summary = "feature image from bins of gradients, by bagging",
+				   .opts = opts,
+				   .min_operands = 0,
+				   .max_operands = 2,
+				   .filter = true};
 	struct gd_err err = { 0 };
 	int rc;
 

@@ -69,10 +69,10 @@ static int choose_channels(struct job *job, struct gd_err *err)
 		return gd_fail(err, GD_ESHAPE, "no channel %s", lacking(im, "dy.", name));
 	if (!gd_layer_want(im, "", GD_READ)) {
 		if (screened)
-			return gd_fail(err, GD_ESHAPE, "no channel %s, which --method %s needs", lacking(im, "", name),
-				       job->method);
-		gd_cli_warn(&job->cli, "%s: no channel %s: the mean of the result is 0", job->cli.input,
-			    lacking(im, "", name));
+			return gd_fail(err, GD_ESHAPE, "no channel %s, which --method %s needs",
+				       lacking(im, "", name), job->method);
+		gd_cli_warn(&job->cli, "%s: no channel %s: the mean of the result is 0",
+			    job->cli.input, lacking(im, "", name));
 	}
 	if (job->conf.method == GD_WLS && !gd_layer_want_variance(im, "dx", GD_READ))
 		return gd_fail(err, GD_ESHAPE, "no channel %s, which --method wls needs",
@@ -90,10 +90,15 @@ static int collect(struct job *job, struct gd_err *err)
 	const int n = gd_layer_planes(&job->im, "dx", dx), m = gd_layer_planes(&job->im, "", y);
 
 	if (gd_layer_planes(&job->im, "dy", dy) != n || (m && m != n))
-		return gd_fail(err, GD_ESHAPE, "the layers dx, dy and the colour differ in their number of channels");
+		return gd_fail(
+			err, GD_ESHAPE,
+			"the layers dx, dy and the colour differ in their number of channels");
 	if (job->conf.method == GD_WLS) {
-		if (gd_layer_variance_planes(&job->im, "dx", vx) != n || gd_layer_variance_planes(&job->im, "dy", vy) != n)
-			return gd_fail(err, GD_ESHAPE, "dx, dy and their variances differ in their number of channels");
+		if (gd_layer_variance_planes(&job->im, "dx", vx) != n ||
+		    gd_layer_variance_planes(&job->im, "dy", vy) != n)
+			return gd_fail(
+				err, GD_ESHAPE,
+				"dx, dy and their variances differ in their number of channels");
 	}
 	job->in.n = n;
 	for (int c = 0; c < n; c++) {
@@ -163,8 +168,10 @@ static int run(struct job *job, struct gd_err *err)
 	gd_cli_stat(&job->cli, "parts", job->result.parts);
 	gd_cli_stat(&job->cli, "dropped_edges", (double)job->result.dropped);
 	if (!job->result.converged) {
-		gd_cli_warn(&job->cli, "%s: relative residual %.2g after %d iterations, wanted %.2g", job->cli.input,
-			    job->result.residual, job->result.iterations, job->conf.tolerance);
+		gd_cli_warn(&job->cli,
+			    "%s: relative residual %.2g after %d iterations, wanted %.2g",
+			    job->cli.input, job->result.residual, job->result.iterations,
+			    job->conf.tolerance);
 		job->cli.limit_missed = true;
 	}
 	return gd_cli_write(&job->cli, &job->im, err);
@@ -176,19 +183,29 @@ int main(int argc, char **argv)
 	struct gd_poisson_conf *conf = &job.conf;
 	const struct gd_opt opts[] = {
 		GD_OPT('m', "method", "METHOD", &job.method, "ols, wls, l2 or l1"),
-		GD_NUM('a', "alpha", "WEIGHT", &conf->alpha, 1e-3, 1e3, "weight of the colour against the gradients in l2 and l1"),
-		GD_NUM(0, "tolerance", "RESIDUAL", &conf->tolerance, 1e-12, 1, "relative residual to reach"),
-		GD_NUM(0, "iterations", "N", &conf->max_iterations, 1, 1e6, "most conjugate gradient steps of a linear system"),
-		GD_NUM(0, "reweight", "N", &conf->reweight, 1, 1000, "linear systems to solve for l1"),
-		GD_NUM(0, "floor", "RATIO", &conf->floor, 1e-6, 1e6, "wls: added to each variance, times the median variance"),
-		GD_NUM(0, "smooth", "PIXELS", &conf->smooth_px, 0, 8, "wls: standard deviation of the blur of the variances"),
-		GD_OPT('l', "layer", "LAYER", &job.layer, "write the result to LAYER and leave the rest alone"),
+		GD_NUM('a', "alpha", "WEIGHT", &conf->alpha, 1e-3, 1e3,
+		       "weight of the colour against the gradients in l2 and l1"),
+		GD_NUM(0, "tolerance", "RESIDUAL", &conf->tolerance, 1e-12, 1,
+		       "relative residual to reach"),
+		GD_NUM(0, "iterations", "N", &conf->max_iterations, 1, 1e6,
+		       "most conjugate gradient steps of a linear system"),
+		GD_NUM(0, "reweight", "N", &conf->reweight, 1, 1000,
+		       "linear systems to solve for l1"),
+		GD_NUM(0, "floor", "RATIO", &conf->floor, 1e-6, 1e6,
+		       "wls: added to each variance, times the median variance"),
+		GD_NUM(0, "smooth", "PIXELS", &conf->smooth_px, 0, 8,
+		       "wls: standard deviation of the blur of the variances"),
+		GD_OPT('l', "layer", "LAYER", &job.layer,
+		       "write the result to LAYER and leave the rest alone"),
 		GD_FLAG(0, "keep", &job.keep, "write gradients, variances and bins too"),
-		GD_OPT_END
-	};
-	const struct gd_cmd cmd = { .name = "gdsolve", .operands = "[input.exr [output.exr]]",
-				    .summary = "solve for the image behind noisy gradients", .opts = opts,
-				    .min_operands = 0, .max_operands = 2, .filter = true };
+		GD_OPT_END};
+	const struct gd_cmd cmd = {.name = "gdsolve",
+				   .operands = "[input.exr [output.exr]]",
+				   .summary = "solve for the image behind noisy gradients",
+				   .opts = opts,
+				   .min_operands = 0,
+				   .max_operands = 2,
+				   .filter = true};
 	struct gd_err err = { 0 };
 	int rc;
 

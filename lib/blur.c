@@ -56,7 +56,8 @@ const float *gd_blur_row(struct gd_plane down, int y, const struct gd_blur *blur
 	return out;
 }
 
-int gd_blur_plane(struct gd_plane p, struct gd_plane spare, const struct gd_blur *blur, struct gd_err *err)
+int gd_blur_plane(struct gd_plane p, struct gd_plane spare, const struct gd_blur *blur,
+		  struct gd_err *err)
 {
 	const size_t size = gd_blur_work(p.w);
 	float *work = gd_alloc((size_t)omp_get_max_threads() * size, sizeof(*work));
@@ -66,7 +67,8 @@ int gd_blur_plane(struct gd_plane p, struct gd_plane spare, const struct gd_blur
 	gd_blur_down(spare, p, blur);
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < p.h; y++)
-		memcpy(gd_row(p, y), gd_blur_row(spare, y, blur, work + (size_t)omp_get_thread_num() * size),
+		memcpy(gd_row(p, y),
+		       gd_blur_row(spare, y, blur, work + (size_t)omp_get_thread_num() * size),
 		       (size_t)p.w * sizeof(float));
 	free(work);
 	return GD_OK;

@@ -25,6 +25,7 @@ void gd_blur_down(struct gd_plane to, struct gd_plane in, const struct gd_blur *
 const float *gd_blur_row(struct gd_plane down, int y, const struct gd_blur *blur, float *work);
 
 /* p = p blurred, by way of spare (of the same size). */
-int gd_blur_plane(struct gd_plane p, struct gd_plane spare, const struct gd_blur *blur, struct gd_err *err);
+int gd_blur_plane(struct gd_plane p, struct gd_plane spare, const struct gd_blur *blur,
+		  struct gd_err *err);
 
 #endif

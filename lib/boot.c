@@ -23,7 +23,7 @@ struct boot {
 	struct gd_field field;
 	struct gd_mg *mg;
 	const struct gd_mg_level *grid;
-	float *start;			/* the solution without resampling, n planes as the grid's */
+	float *start; /* the solution without resampling, n planes as the grid's */
 	float *work;			/* blurring, per thread */
 	size_t work_size;
 	double phi;			/* scaled */
@@ -36,9 +36,12 @@ static int check(const struct gd_boot_in *in, const struct gd_boot_conf *conf, s
 
 	if (in->n < 1 || in->n > 3 || in->bins < 1 || in->bins > GD_BOOT_MAX_BINS)
 		return gd_fail(err, GD_EARG, "bagging: %d bins of %d channels", in->bins, in->n);
-	if (conf->replicates < 2 || conf->replicates > 1000 || !(conf->floor >= 1e-6 && conf->floor <= 1e6) ||
-	    !(conf->smooth_px >= 0 && conf->smooth_px <= 8) || !(conf->tolerance > 0 && conf->tolerance <= 1) ||
-	    !(conf->tolerance_t > 0 && conf->tolerance_t <= 1) || !(conf->local_px > 0 && conf->local_px <= 10))
+	if (conf->replicates < 2 || conf->replicates > 1000 ||
+	    !(conf->floor >= 1e-6 && conf->floor <= 1e6) ||
+	    !(conf->smooth_px >= 0 && conf->smooth_px <= 8) ||
+	    !(conf->tolerance > 0 && conf->tolerance <= 1) ||
+	    !(conf->tolerance_t > 0 && conf->tolerance_t <= 1) ||
+	    !(conf->local_px > 0 && conf->local_px <= 10))
 		return gd_fail(err, GD_EARG, "bagging: a setting is out of its range");
 	w = in->dx[0][0].w;
 	h = in->dx[0][0].h;
@@ -61,8 +64,8 @@ static float *plane_row(const struct boot *b, void *planes, int c, int y)
 	return (float *)planes + c * b->grid->plane + (size_t)y * b->grid->stride;
 }
 
-static void resample_row(const struct boot *b, const struct gd_plane (*from)[3], void *to, void *var, int y,
-			 const struct gd_rng_key *key)
+static void resample_row(const struct boot *b, const struct gd_plane (*from)[3], void *to,
+			 void *var, int y, const struct gd_rng_key *key)
 {
 	struct gd_boot_rows rows = { b->in->bins, b->in->n, { { NULL } } };
 	float *v[3];
@@ -72,8 +75,9 @@ static void resample_row(const struct boot *b, const struct gd_plane (*from)[3],
 		for (int i = 0; i < b->in->bins; i++)
 			rows.bin[i][c] = gd_row(from[i][c], y);
 	}
-	GD_PICK(gd_boot_rows)->resample(v, plane_row(b, var, 0, y), &rows, key, (uint32_t)y * (uint32_t)b->grid->w,
-					b->field.scale, b->grid->w);
+	GD_PICK(gd_boot_rows)
+		->resample(v, plane_row(b, var, 0, y), &rows, key,
+			   (uint32_t)y * (uint32_t)b->grid->w, b->field.scale, b->grid->w);
 }
 
 /*
@@ -147,8 +151,9 @@ static int solve(struct boot *b, const struct gd_rng_key *key, struct gd_err *er
 		return rc;
 	gd_mg_setup(b->mg);
 	residual(b);
-	memset(gd_mg_x(b->mg), 0, ((size_t)(b->in->n - 1) * b->grid->plane + (size_t)b->grid->h * b->grid->stride) *
-	       sizeof(float));
+	memset(gd_mg_x(b->mg), 0,
+	       ((size_t)(b->in->n - 1) * b->grid->plane + (size_t)b->grid->h * b->grid->stride) *
+		       sizeof(float));
 	done = gd_mg_solve(b->mg, tolerance, MAX_ITERATIONS);
 	b->result.iterations += done.iterations;
 	b->result.residual = fmax(b->result.residual, done.residual / tolerance);
@@ -156,7 +161,8 @@ static int solve(struct boot *b, const struct gd_rng_key *key, struct gd_err *er
 			       key ? NULL : &b->result.parts, err);
 }
 
-static int prepare(struct boot *b, const struct gd_boot_in *in, const struct gd_boot_conf *conf, struct gd_err *err)
+static int prepare(struct boot *b, const struct gd_boot_in *in, const struct gd_boot_conf *conf,
+		   struct gd_err *err)
 {
 	const int w = in->dx[0][0].w, h = in->dx[0][0].h;
 	int rc;
@@ -171,7 +177,8 @@ static int prepare(struct boot *b, const struct gd_boot_in *in, const struct gd_
 	b->grid = gd_mg_grid(b->mg);
 	b->work_size = gd_blur_work(w);
 	b->work = gd_alloc((size_t)omp_get_max_threads() * b->work_size, sizeof(*b->work));
-	b->start = gd_calloc((size_t)in->n * b->grid->plane + 2 * b->grid->stride + 32, sizeof(*b->start));
+	b->start = gd_calloc((size_t)in->n * b->grid->plane + 2 * b->grid->stride + 32,
+			     sizeof(*b->start));
 	if (!b->work || !b->start)
 		return gd_fail(err, GD_ENOMEM, "bagging: out of memory");
 	b->start += b->grid->stride + 16;
@@ -190,14 +197,17 @@ static void finish(struct boot *b, struct gd_boot_result *result)
 
 static struct gd_plane grid_plane(const struct boot *b, void *planes, int c)
 {
-	return (struct gd_plane){ plane_row(b, planes, c, 0), b->grid->w, b->grid->h, b->grid->stride };
+	return (struct gd_plane){plane_row(b, planes, c, 0), b->grid->w, b->grid->h,
+				 b->grid->stride};
 }
 
 /* Adds the replicate in x, its square, and the square of what is left of it after blurring, to the outputs. */
-static void accumulate(const struct boot *b, const struct gd_boot_out *out, const struct gd_blur *blur)
+static void accumulate(const struct boot *b, const struct gd_boot_out *out,
+		       const struct gd_blur *blur)
 {
 	for (int c = 0; c < b->in->n; c++) {
-		const struct gd_plane d = grid_plane(b, gd_mg_x(b->mg), c), low = grid_plane(b, gd_mg_spare(b->mg), c);
+		const struct gd_plane d = grid_plane(b, gd_mg_x(b->mg), c),
+				      low = grid_plane(b, gd_mg_spare(b->mg), c);
 		const bool local = out->local[c].v;
 
 		if (local)
@@ -206,16 +216,21 @@ static void accumulate(const struct boot *b, const struct gd_boot_out *out, cons
 		for (int y = 0; y < d.h; y++) {
 			float *work = b->work + (size_t)omp_get_thread_num() * b->work_size;
 
-			GD_PICK(gd_boot_rows)->add(gd_row(out->mean[c], y), out->var[c].v ? gd_row(out->var[c], y) : NULL,
-						   local ? gd_row(out->local[c], y) : NULL, gd_row(d, y),
-						   local ? gd_blur_row(low, y, blur, work) : NULL, d.w);
+			GD_PICK(gd_boot_rows)
+				->add(gd_row(out->mean[c], y),
+				      out->var[c].v ? gd_row(out->var[c], y) : NULL,
+				      local ? gd_row(out->local[c], y) : NULL, gd_row(d, y),
+				      local ? gd_blur_row(low, y, blur, work) : NULL, d.w);
 		}
 	}
 }
 
 static float limited(double v)
 {
-	return v >= (double)FLT_MAX ? FLT_MAX : v <= -(double)FLT_MAX ? -FLT_MAX : v == v ? (float)v : 0;
+	return v >= (double)FLT_MAX    ? FLT_MAX
+	       : v <= -(double)FLT_MAX ? -FLT_MAX
+	       : v == v		       ? (float)v
+				       : 0;
 }
 
 static float variance_of(double squares, double sum, double n, double unit)
@@ -226,9 +241,11 @@ static float variance_of(double squares, double sum, double n, double unit)
 }
 
 /* Sums to means and variances. The blur is linear, so the sum of the high-pass parts is that of the sum. */
-static int conclude(const struct boot *b, const struct gd_boot_out *out, const struct gd_blur *blur, struct gd_err *err)
+static int conclude(const struct boot *b, const struct gd_boot_out *out, const struct gd_blur *blur,
+		    struct gd_err *err)
 {
-	const double unscale = 1 / (double)b->field.scale, unit = unscale * unscale, n = b->conf->replicates;
+	const double unscale = 1 / (double)b->field.scale, unit = unscale * unscale,
+		     n = b->conf->replicates;
 	const struct gd_blur box = gd_blur_box(3);
 	const struct gd_plane low = grid_plane(b, gd_mg_spare(b->mg), 0);
 	int rc = GD_OK;
@@ -240,17 +257,21 @@ static int conclude(const struct boot *b, const struct gd_boot_out *out, const s
 			gd_blur_down(low, out->mean[c], blur);
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < low.h; y++) {
-			float *work = b->work + (size_t)omp_get_thread_num() * b->work_size, *sum = gd_row(out->mean[c], y);
-			const float *smooth = local ? gd_blur_row(low, y, blur, work) : NULL, *f = plane_row(b, b->start, c, y);
+			float *work = b->work + (size_t)omp_get_thread_num() * b->work_size,
+			      *sum = gd_row(out->mean[c], y);
+			const float *smooth = local ? gd_blur_row(low, y, blur, work) : NULL,
+				    *f = plane_row(b, b->start, c, y);
 
 			for (int x = 0; x < low.w; x++) {
 				const double s = (double)sum[x];
 
 				if (var)
-					gd_row(out->var[c], y)[x] = variance_of((double)gd_row(out->var[c], y)[x], s, n, unit);
+					gd_row(out->var[c], y)[x] = variance_of(
+						(double)gd_row(out->var[c], y)[x], s, n, unit);
 				if (local)
-					gd_row(out->local[c], y)[x] = variance_of((double)gd_row(out->local[c], y)[x],
-										  s - (double)smooth[x], n, unit);
+					gd_row(out->local[c], y)[x] =
+						variance_of((double)gd_row(out->local[c], y)[x],
+							    s - (double)smooth[x], n, unit);
 				sum[x] = limited(((double)f[x] + s / n) * unscale);
 			}
 		}
@@ -277,8 +298,8 @@ static int check_out(const struct gd_boot_out *out, const struct gd_boot_in *in,
 }
 
 /* to = square of the high-pass part of v times factor, averaged over a box. spare: of the same size. */
-static int local_power(struct gd_plane to, struct gd_plane v, struct gd_plane spare, double local_px, int side,
-		       double factor, struct gd_err *err)
+static int local_power(struct gd_plane to, struct gd_plane v, struct gd_plane spare,
+		       double local_px, int side, double factor, struct gd_err *err)
 {
 	const struct gd_blur blur = gd_blur_gauss(local_px), box = gd_blur_box(side);
 	const size_t size = gd_blur_work(v.w);
@@ -290,7 +311,8 @@ static int local_power(struct gd_plane to, struct gd_plane v, struct gd_plane sp
 	gd_blur_down(spare, v, &blur);
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < v.h; y++) {
-		const float *low = gd_blur_row(spare, y, &blur, all + (size_t)omp_get_thread_num() * size);
+		const float *low =
+			gd_blur_row(spare, y, &blur, all + (size_t)omp_get_thread_num() * size);
 
 		for (int x = 0; x < v.w; x++) {
 			double d = (double)gd_row(v, y)[x] - (double)low[x];
@@ -312,15 +334,18 @@ static int without_draws(const struct boot *b, const struct gd_boot_out *out, st
 	gd_field_store(&b->field, out->mean, b->grid, false, gd_mg_x(b->mg));
 	for (int c = 0; c < b->in->n && rc == GD_OK; c++) {
 		if (out->var[c].v)
-			rc = local_power(out->var[c], out->mean[c], spare, b->conf->local_px, 7, 1, err);
+			rc = local_power(out->var[c], out->mean[c], spare, b->conf->local_px, 7, 1,
+					 err);
 		if (rc == GD_OK && out->local[c].v)
-			rc = local_power(out->local[c], out->mean[c], spare, b->conf->local_px, 7, 1, err);
+			rc = local_power(out->local[c], out->mean[c], spare, b->conf->local_px, 7,
+					 1, err);
 	}
 	return rc;
 }
 
-int gd_boot_run(const struct gd_boot_out *out, const struct gd_boot_in *in, const struct gd_boot_conf *conf,
-		struct gd_boot_result *result, const struct gd_report *report, struct gd_err *err)
+int gd_boot_run(const struct gd_boot_out *out, const struct gd_boot_in *in,
+		const struct gd_boot_conf *conf, struct gd_boot_result *result,
+		const struct gd_report *report, struct gd_err *err)
 {
 	struct boot b = { 0 };
 	struct gd_blur blur;
@@ -340,8 +365,9 @@ int gd_boot_run(const struct gd_boot_out *out, const struct gd_boot_in *in, cons
 		return rc;
 	}
 	if (rc == GD_OK) {
-		memcpy(b.start, gd_mg_x(b.mg), ((size_t)(in->n - 1) * b.grid->plane + (size_t)b.grid->h * b.grid->stride) *
-		       sizeof(float));
+		memcpy(b.start, gd_mg_x(b.mg),
+		       ((size_t)(in->n - 1) * b.grid->plane + (size_t)b.grid->h * b.grid->stride) *
+			       sizeof(float));
 		for (int c = 0; c < in->n; c++) {
 			clear(out->mean[c]);
 			clear(out->var[c]);
@@ -359,14 +385,16 @@ int gd_boot_run(const struct gd_boot_out *out, const struct gd_boot_in *in, cons
 	if (rc == GD_OK)
 		rc = conclude(&b, out, &blur, err);
 	if (rc == GD_OK)
-		gd_note(report, "%d bins, %d replicates, %d iterations, %d part%s", in->bins, conf->replicates,
-			b.result.iterations, b.result.parts, b.result.parts == 1 ? "" : "s");
+		gd_note(report, "%d bins, %d replicates, %d iterations, %d part%s", in->bins,
+			conf->replicates, b.result.iterations, b.result.parts,
+			b.result.parts == 1 ? "" : "s");
 	finish(&b, result);
 	return rc;
 }
 
-int gd_boot_plain(const struct gd_plane *mean, const struct gd_boot_in *in, const struct gd_boot_conf *conf,
-		  struct gd_boot_result *result, const struct gd_report *report, struct gd_err *err)
+int gd_boot_plain(const struct gd_plane *mean, const struct gd_boot_in *in,
+		  const struct gd_boot_conf *conf, struct gd_boot_result *result,
+		  const struct gd_report *report, struct gd_err *err)
 {
 	struct boot b = { 0 };
 	int rc = check(in, conf, err);
@@ -379,15 +407,15 @@ int gd_boot_plain(const struct gd_plane *mean, const struct gd_boot_in *in, cons
 		rc = solve(&b, NULL, err);
 	if (rc == GD_OK) {
 		gd_field_store(&b.field, mean, b.grid, false, gd_mg_x(b.mg));
-		gd_note(report, "%d bins, no replicates, %d iterations, %d part%s", in->bins, b.result.iterations,
-			b.result.parts, b.result.parts == 1 ? "" : "s");
+		gd_note(report, "%d bins, no replicates, %d iterations, %d part%s", in->bins,
+			b.result.iterations, b.result.parts, b.result.parts == 1 ? "" : "s");
 	}
 	finish(&b, result);
 	return rc;
 }
 
-int gd_boot_halves(const struct gd_plane *local, const struct gd_plane *a, const struct gd_plane *b, int n,
-		   double local_px, struct gd_err *err)
+int gd_boot_halves(const struct gd_plane *local, const struct gd_plane *a, const struct gd_plane *b,
+		   int n, double local_px, struct gd_err *err)
 {
 	const size_t size = (size_t)a[0].h * gd_stride(a[0].w);
 	float *block = gd_alloc(2 * size, sizeof(*block));
@@ -402,7 +430,8 @@ int gd_boot_halves(const struct gd_plane *local, const struct gd_plane *a, const
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < diff.h; y++)
 			for (int x = 0; x < diff.w; x++)
-				gd_row(diff, y)[x] = limited((double)gd_row(a[c], y)[x] - (double)gd_row(b[c], y)[x]);
+				gd_row(diff, y)[x] = limited((double)gd_row(a[c], y)[x] -
+							     (double)gd_row(b[c], y)[x]);
 		rc = local_power(local[c], diff, spare, local_px, 5, 0.25, err);
 	}
 	free(block);

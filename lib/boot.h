@@ -29,8 +29,10 @@ struct gd_boot_conf {
 	double floor;		/* as in struct gd_poisson_conf */
 	double smooth_px;	/* as in struct gd_poisson_conf */
 	double tolerance;	/* relative residual of the solution from all bins */
-	double tolerance_t;	/* of each replicate's difference to it, relative. At 0.1 the variance is off by 24 to */
-				/* 35 %, where ten replicates leave it uncertain by 47 %, and f by less than 1 % of its error */
+	double tolerance_t; /* of each replicate's difference to it, relative. At 0.1 the variance
+			       is off by 24 to */
+	/* 35 %, where ten replicates leave it uncertain by 47 %, and f by less than 1 % of its
+	 * error */
 	double local_px;	/* standard deviation of the blur that separates drift from noise */
 };
 #define GD_BOOT_DEFAULTS { 10, 1, 0.1, 1.0, 1e-4, 1e-1, 2.0 }
@@ -53,7 +55,8 @@ struct gd_boot_out {
 
 struct gd_boot_result {
 	int iterations;		/* of conjugate gradients, all systems together */
-	double residual;	/* worst relative residual reached, against its tolerance: <= 1 is converged */
+	double residual;	/* worst relative residual reached, against its tolerance: <= 1 is
+				   converged */
 	int parts;		/* connected parts of the unresampled problem */
 	double phi;		/* radiance squared */
 };
@@ -63,21 +66,23 @@ struct gd_boot_result {
  * are 7x7 means of the squared high-pass part of it, which overestimates.
  * Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. Independent of the number of threads.
  */
-int gd_boot_run(const struct gd_boot_out *out, const struct gd_boot_in *in, const struct gd_boot_conf *conf,
-		struct gd_boot_result *result, const struct gd_report *report, struct gd_err *err);
+int gd_boot_run(const struct gd_boot_out *out, const struct gd_boot_in *in,
+		const struct gd_boot_conf *conf, struct gd_boot_result *result,
+		const struct gd_report *report, struct gd_err *err);
 
 /*
  * The same without resampling: wls with the mean and the variance of the mean of the given bins
  * (ols for one bin). One solve. This is the feature of one half in cross-fitting.
  */
-int gd_boot_plain(const struct gd_plane *mean, const struct gd_boot_in *in, const struct gd_boot_conf *conf,
-		  struct gd_boot_result *result, const struct gd_report *report, struct gd_err *err);
+int gd_boot_plain(const struct gd_plane *mean, const struct gd_boot_in *in,
+		  const struct gd_boot_conf *conf, struct gd_boot_result *result,
+		  const struct gd_report *report, struct gd_err *err);
 
 /*
  * local[c], as above, from two independent solutions a and b whose average is the feature: 5x5 mean of
  * ((a - b) - blur(a - b))^2 / 4, the variance of the average's high-pass part.
  */
-int gd_boot_halves(const struct gd_plane *local, const struct gd_plane *a, const struct gd_plane *b, int n,
-		   double local_px, struct gd_err *err);
+int gd_boot_halves(const struct gd_plane *local, const struct gd_plane *a, const struct gd_plane *b,
+		   int n, double local_px, struct gd_err *err);
 
 #endif

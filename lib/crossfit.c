@@ -301,7 +301,8 @@ static int cut_fireflies(struct gd_crossfit_in *in, struct gd_err *err)
 				double here = luminance(p, x, y), limit = FIREFLY * level;
 
 				if (here > limit)
-					limit = FIREFLY * (level + brightest_near(other, x, y, in->self));
+					limit = FIREFLY *
+						(level + brightest_near(other, x, y, in->self));
 				if (here > limit)
 					cut_firefly(in, half, x, y, limit);
 			}
@@ -348,7 +349,8 @@ static void add_fit(const struct gd_plane *mean, const struct gd_plane *square,
 
 				m[x] = to_float((double)m[x] + off / k);
 				if (s)
-					s[x] = square_to_float((double)s[x] + off * (off - off / k));
+					s[x] = square_to_float((double)s[x] +
+							       off * (off - off / k));
 			}
 		}
 	}
@@ -459,8 +461,10 @@ static int join(const struct gd_crossfit_out *out, const struct gd_plane *other,
 	for (int c = 0; c < n; c++) {
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < other[c].h; y++) {
-			const float *b = gd_row(other[c], y);	/* a again, where there are no halves */
-			float *a = gd_row(out->est[c], y), *m = c < 3 ? gd_row(out->mse[c], y) : NULL;
+			const float *b =
+				gd_row(other[c], y); /* a again, where there are no halves */
+			float *a = gd_row(out->est[c], y),
+			      *m = c < 3 ? gd_row(out->mse[c], y) : NULL;
 
 			for (int x = 0; x < other[c].w; x++) {
 				double d = (double)a[x] - (double)b[x];
@@ -482,7 +486,8 @@ static int join(const struct gd_crossfit_out *out, const struct gd_plane *other,
  * and where it shows least. *gain: the factor of the brightest pixels, 1 if the mean is so far off
  * that fireflies rule it.
  */
-static int keep_mean(const struct gd_plane *est, int n, double sum, double *gain, struct gd_err *err)
+static int keep_mean(const struct gd_plane *est, int n, double sum, double *gain,
+		     struct gd_err *err)
 {
 	struct gd_plane like = est[0];
 	float *v = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *v);
@@ -516,7 +521,8 @@ static int keep_mean(const struct gd_plane *est, int n, double sum, double *gain
 			double l = luminance(est, x, y), times = 1 + a * (l / (l + level));
 
 			for (int c = 0; c < n; c++)
-				gd_row(est[c], y)[x] = to_float(times * (double)gd_row(est[c], y)[x]);
+				gd_row(est[c], y)[x] =
+					to_float(times * (double)gd_row(est[c], y)[x]);
 		}
 	return GD_OK;
 }
@@ -553,7 +559,8 @@ static int run_stages(const struct gd_crossfit_out *out, struct work *w,
 
 	for (int i = 0; i < stages && rc == GD_OK; i++) {
 		gd_progress(report, "fitting", (double)i / stages);
-		rc = run_stage(out, w, in, stage + i, conf->fast ? 1 : stage[i].n, result, report, err);
+		rc = run_stage(out, w, in, stage + i, conf->fast ? 1 : stage[i].n, result, report,
+			       err);
 	}
 	gd_progress(report, "fitting", 1);
 	return rc;
@@ -565,7 +572,8 @@ static int check(struct gd_crossfit_in *in, struct gd_err *err)
 	    (in->nwhole > 0 && in->nwhole < 3))
 		return gd_fail(err, GD_EARG, "%d planes of either half and %d of all samples, "
 			       "expected 3 to %d", in->ny, in->nwhole, GD_APR_RHS);
-	if (in->nfeat < 0 || in->nfeat > GD_CROSSFIT_FEATURES || in->nfeature < 0 || in->nfeature > 4)
+	if (in->nfeat < 0 || in->nfeat > GD_CROSSFIT_FEATURES || in->nfeature < 0 ||
+	    in->nfeature > 4)
 		return gd_fail(err, GD_EARG, "%d feature planes and %d of either half, at most %d "
 			       "and 4", in->nfeat, in->nfeature, GD_CROSSFIT_FEATURES);
 	if (in->self && (!in->var[0].v || in->nwhole))
@@ -574,14 +582,17 @@ static int check(struct gd_crossfit_in *in, struct gd_err *err)
 		in->share[0] = in->share[1] = 0.5;
 	if (!(in->share[0] > 0 && in->share[1] > 0 &&
 	      fabs(in->share[0] + in->share[1] - 1) < 1e-6))
-		return gd_fail(err, GD_EARG, "halves hold %g and %g of the samples, expected shares "
-			       "of 1", in->share[0], in->share[1]);
+		return gd_fail(err, GD_EARG,
+			       "halves hold %g and %g of the samples, expected shares "
+			       "of 1",
+			       in->share[0], in->share[1]);
 	return GD_OK;
 }
 
 /* What is made of the models of all halves. */
-static int finish(const struct gd_crossfit_out *out, struct work *w, const struct gd_crossfit_in *in,
-		  struct gd_crossfit_result *result, struct gd_err *err)
+static int finish(const struct gd_crossfit_out *out, struct work *w,
+		  const struct gd_crossfit_in *in, struct gd_crossfit_result *result,
+		  struct gd_err *err)
 {
 	const struct gd_plane *other = in->self ? out->est : w->sum;
 	int n = planes(in), degrees = halves(in) * (result->models - 1), rc;

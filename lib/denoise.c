@@ -159,7 +159,8 @@ static bool layers_have_halves(const struct job *job)
 		if (job->source == HALVES)
 			all = all && has_halves(job->im, layer, n);
 		for (int b = 0; b < job->bins && job->source == BINS; b++)
-			all = all && gd_layer_find(job->im, part_name(name, "bin", b, layer)).n == n;
+			all = all &&
+			      gd_layer_find(job->im, part_name(name, "bin", b, layer)).n == n;
 	}
 	return all;
 }
@@ -282,7 +283,8 @@ static void copy_planes(struct gd_plane *to, const struct gd_plane *from, int n)
 {
 	for (int c = 0; c < n; c++)
 		for (int y = 0; y < to[c].h; y++)
-			memcpy(gd_row(to[c], y), gd_row(from[c], y), (size_t)to[c].w * sizeof(float));
+			memcpy(gd_row(to[c], y), gd_row(from[c], y),
+			       (size_t)to[c].w * sizeof(float));
 }
 
 /*
@@ -345,7 +347,8 @@ static int fill_frame(struct job *job, struct gd_apr_frame *f, struct gd_plane (
 	f->ny = gd_layer_planes(im, "", f->y);
 	for (int i = 0; i < job->layers.n; i++) {
 		if (f->ny + GD_LAYER_PLANES > GD_APR_RHS)
-			return gd_fail(err, GD_EARG, "more than %d channels to denoise", GD_APR_RHS);
+			return gd_fail(err, GD_EARG, "more than %d channels to denoise",
+				       GD_APR_RHS);
 		f->ny += gd_layer_planes(im, job->layers.name[i], f->y + f->ny);
 	}
 	for (int h = 0; h < 2 && job->source == HALVES; h++)
@@ -426,7 +429,8 @@ static int half_planes(struct job *job, const char *layer, struct gd_plane *a, s
 /* ---- the two ways ---- */
 
 /* Fills in the halves: colour and layers, and the crossed features. */
-static int fill_halves(struct job *job, struct gd_crossfit_in *in, size_t *mended, struct gd_err *err)
+static int fill_halves(struct job *job, struct gd_crossfit_in *in, size_t *mended,
+		       struct gd_err *err)
 {
 	int n, rc = half_planes(job, "", in->y[0], in->y[1], &in->ny, err);
 
@@ -547,7 +551,8 @@ static int run_single(struct job *job, struct gd_apr_frame *f, struct gd_plane *
 	if (rc == GD_OK)
 		rc = gd_apr_paper(&out, f, apr, job->conf->spikes, &paper, report, err);
 	if (rc == GD_OK) {
-		gd_note(report, "noise of neighbours: %.2f times the variance of independent pixels",
+		gd_note(report,
+			"noise of neighbours: %.2f times the variance of independent pixels",
 			paper.correlation);
 		gd_note(report, "%d spikes, %d of them too bright to give all of it back",
 			paper.spikes, paper.capped);

@@ -114,14 +114,15 @@ int gd_gauss_taps(float *tap, double sigma)
 }
 
 /* One direction's edges: w x h of them. */
-static void smooth(float *v, int w, int h, size_t stride, float *spare, const float *tap, int taps, float cap,
-		   float *work, size_t work_size)
+static void smooth(float *v, int w, int h, size_t stride, float *spare, const float *tap, int taps,
+		   float cap, float *work, size_t work_size)
 {
 	const struct gd_prep_kernels *k = GD_PICK(gd_prep);
 
 #pragma omp parallel
 	{
-		float *pad = work + (size_t)omp_get_thread_num() * work_size, *out = pad + work_size / 2;
+		float *pad = work + (size_t)omp_get_thread_num() * work_size,
+		      *out = pad + work_size / 2;
 
 #pragma omp for schedule(static)
 		for (int y = 0; y < h; y++) {
@@ -142,7 +143,8 @@ static void smooth(float *v, int w, int h, size_t stride, float *spare, const fl
 	}
 }
 
-int gd_edges_smooth(const struct gd_mg_level *l, float *spare, double sigma, double cap, struct gd_err *err)
+int gd_edges_smooth(const struct gd_mg_level *l, float *spare, double sigma, double cap,
+		    struct gd_err *err)
 {
 	const size_t work_size = 2 * (l->stride + GD_PREP_TAPS + 15);
 	float tap[GD_PREP_TAPS], *work;
@@ -156,9 +158,11 @@ int gd_edges_smooth(const struct gd_mg_level *l, float *spare, double sigma, dou
 	taps = gd_gauss_taps(tap, sigma);
 	cap = cap < (double)FLT_MAX ? cap : (double)FLT_MAX;
 	if (l->w > 1)
-		smooth(l->e, l->w - 1, l->h, l->stride, spare, tap, taps, (float)cap, work, work_size);
+		smooth(l->e, l->w - 1, l->h, l->stride, spare, tap, taps, (float)cap, work,
+		       work_size);
 	if (l->h > 1)
-		smooth(l->s, l->w, l->h - 1, l->stride, spare, tap, taps, (float)cap, work, work_size);
+		smooth(l->s, l->w, l->h - 1, l->stride, spare, tap, taps, (float)cap, work,
+		       work_size);
 	free(work);
 	return GD_OK;
 }
@@ -170,7 +174,8 @@ size_t gd_edges_weigh(const struct gd_mg_level *l, double phi)
 
 #pragma omp parallel for schedule(static) reduction(+:none)	/* integers: any order gives the same */
 	for (int y = 0; y < l->h; y++) {
-		float *e = (float *)l->e + (size_t)y * l->stride, *s = (float *)l->s + (size_t)y * l->stride;
+		float *e = (float *)l->e + (size_t)y * l->stride,
+		      *s = (float *)l->s + (size_t)y * l->stride;
 
 		none += (size_t)k->weigh(e, (float)phi, l->w - 1);
 		e[l->w - 1] = 0;
@@ -221,7 +226,8 @@ int gd_edges_parts(const struct gd_mg_level *l, bool wide, double least, int *la
 	}
 	for (int i = 0; i < n; i++)
 		label[i] = root(label, i);
-	for (int i = 0; i < n; i++)	/* a root comes before all of its part: it is numbered already */
+	for (int i = 0; i < n;
+	     i++) /* a root comes before all of its part: it is numbered already */
 		label[i] = label[i] == i ? parts++ : label[label[i]];
 	return parts;
 }

@@ -33,7 +33,8 @@ double gd_edges_median(const struct gd_mg_level *l);
  * above cap stays where it is: one firefly must not silence its whole neighbourhood.
  * spare: one plane of the level.
  */
-int gd_edges_smooth(const struct gd_mg_level *l, float *spare, double sigma, double cap, struct gd_err *err);
+int gd_edges_smooth(const struct gd_mg_level *l, float *spare, double sigma, double cap,
+		    struct gd_err *err);
 
 /* var_e becomes phi / (var_e + phi), 0 beyond 1e12 phi and at the border. Returns the number of edges of weight 0
  * (the border's apart). */

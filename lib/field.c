@@ -9,12 +9,13 @@
 #include "edges.h"
 #include "kernel/poisson_prep.h"
 
-int gd_field_check(const struct gd_plane *plane, int n, int w, int h, const char *name, struct gd_err *err)
+int gd_field_check(const struct gd_plane *plane, int n, int w, int h, const char *name,
+		   struct gd_err *err)
 {
 	for (int c = 0; c < n; c++)
 		if (plane[c].v && (plane[c].w != w || plane[c].h != h))
-			return gd_fail(err, GD_ESHAPE, "%s: plane %d is %dx%d, expected %dx%d", name, c, plane[c].w,
-				       plane[c].h, w, h);
+			return gd_fail(err, GD_ESHAPE, "%s: plane %d is %dx%d, expected %dx%d",
+				       name, c, plane[c].w, plane[c].h, w, h);
 	return GD_OK;
 }
 
@@ -141,7 +142,8 @@ struct gd_mg_rows gd_field_rows(const struct gd_field *field, int y, float *work
 	struct gd_mg_rows rows = { { NULL }, { NULL }, { NULL }, { NULL } };
 
 	for (int c = 0; c < field->n; c++) {
-		float *dx = slot(field, work, c), *dy = slot(field, work, 3 + c), *up = slot(field, work, 6 + c);
+		float *dx = slot(field, work, c), *dy = slot(field, work, 3 + c),
+		      *up = slot(field, work, 6 + c);
 
 		k->clean(dx, gd_row(field->dx[c], y), field->scale, field->w);
 		k->clean(dy, gd_row(field->dy[c], y), field->scale, field->w);
@@ -158,7 +160,8 @@ struct gd_mg_rows gd_field_rows(const struct gd_field *field, int y, float *work
 	return rows;
 }
 
-void gd_field_screen(const struct gd_field *field, const struct gd_mg_level *l, bool wide, double weight)
+void gd_field_screen(const struct gd_field *field, const struct gd_mg_level *l, bool wide,
+		     double weight)
 {
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < l->h; y++)
@@ -192,8 +195,8 @@ static void add_row(void *v, bool wide, size_t at, int w, double by)
 }
 
 /* What the primal's row sums to less what the solution's does. */
-static double row_gap(const struct gd_field *field, int c, int y, const void *x, bool wide, size_t at, bool target,
-		      float *work)
+static double row_gap(const struct gd_field *field, int c, int y, const void *x, bool wide,
+		      size_t at, bool target, float *work)
 {
 	double gap = 0;
 
@@ -208,8 +211,8 @@ static double row_gap(const struct gd_field *field, int c, int y, const void *x,
 	return gap;
 }
 
-static int anchor_whole(const struct gd_field *field, const struct gd_mg_level *l, bool wide, void *x, bool target,
-			struct gd_err *err)
+static int anchor_whole(const struct gd_field *field, const struct gd_mg_level *l, bool wide,
+			void *x, bool target, struct gd_err *err)
 {
 	double *gap = gd_alloc((size_t)l->h, sizeof(*gap));
 
@@ -224,8 +227,10 @@ static int anchor_whole(const struct gd_field *field, const struct gd_mg_level *
 
 #pragma omp for schedule(static)
 			for (int y = 0; y < l->h; y++)
-				gap[y] = work ? row_gap(field, c, y, x, wide, c * l->plane + (size_t)y * l->stride, target,
-							work) : NAN;
+				gap[y] = work ? row_gap(field, c, y, x, wide,
+							c * l->plane + (size_t)y * l->stride,
+							target, work)
+					      : NAN;
 			free(work);
 		}
 		for (int y = 0; y < l->h; y++)
@@ -248,22 +253,26 @@ struct part {
 	double pixels;
 };
 
-static void anchor_row(const struct gd_field *field, const struct gd_mg_level *l, bool wide, void *x, bool target,
-		       const int *label, struct part *part, int y, float *work)
+static void anchor_row(const struct gd_field *field, const struct gd_mg_level *l, bool wide,
+		       void *x, bool target, const int *label, struct part *part, int y,
+		       float *work)
 {
 	for (int c = 0; c < field->n; c++) {
 		const size_t at = c * l->plane + (size_t)y * l->stride;
-		const float *p = target && field->primal && field->primal[c].v ? primal_row(field, c, y, work) : NULL;
+		const float *p = target && field->primal && field->primal[c].v
+					 ? primal_row(field, c, y, work)
+					 : NULL;
 
 		for (int i = 0; i < l->w; i++) {
-			part[label[i]].gap[c] += (p ? (double)p[i] : 0) - get(x, wide, at + (size_t)i);
+			part[label[i]].gap[c] +=
+				(p ? (double)p[i] : 0) - get(x, wide, at + (size_t)i);
 			part[label[i]].pixels += c == 0;
 		}
 	}
 }
 
-int gd_field_anchor(const struct gd_field *field, const struct gd_mg_level *l, bool wide, void *x, bool target,
-		    bool all, int *parts, struct gd_err *err)
+int gd_field_anchor(const struct gd_field *field, const struct gd_mg_level *l, bool wide, void *x,
+		    bool target, bool all, int *parts, struct gd_err *err)
 {
 	const size_t n = (size_t)l->w * (size_t)l->h;
 	struct part *part = NULL;
@@ -282,11 +291,14 @@ int gd_field_anchor(const struct gd_field *field, const struct gd_mg_level *l, b
 	}
 	if (part) {
 		for (int y = 0; y < l->h; y++)
-			anchor_row(field, l, wide, x, target, label + (size_t)y * (size_t)l->w, part, y, work);
+			anchor_row(field, l, wide, x, target, label + (size_t)y * (size_t)l->w,
+				   part, y, work);
 		for (int c = 0; c < field->n; c++)
 			for (size_t i = 0; i < n; i++)
-				add_row(x, wide, c * l->plane + i / (size_t)l->w * l->stride + i % (size_t)l->w, 1,
-					part[label[i]].gap[c] / part[label[i]].pixels);
+				add_row(x, wide,
+					c * l->plane + i / (size_t)l->w * l->stride +
+						i % (size_t)l->w,
+					1, part[label[i]].gap[c] / part[label[i]].pixels);
 		if (parts)
 			*parts = count;
 	}
@@ -298,8 +310,8 @@ int gd_field_anchor(const struct gd_field *field, const struct gd_mg_level *l, b
 	return GD_OK;
 }
 
-void gd_field_store(const struct gd_field *field, const struct gd_plane *to, const struct gd_mg_level *l, bool wide,
-		    const void *x)
+void gd_field_store(const struct gd_field *field, const struct gd_plane *to,
+		    const struct gd_mg_level *l, bool wide, const void *x)
 {
 	const double unscale = 1 / (double)field->scale, most = (double)FLT_MAX;
 
@@ -312,7 +324,10 @@ void gd_field_store(const struct gd_field *field, const struct gd_plane *to, con
 			for (int i = 0; i < l->w; i++) {
 				double v = get(x, wide, at + (size_t)i) * unscale;
 
-				out[i] = v > most ? FLT_MAX : v < -most ? -FLT_MAX : v == v ? (float)v : 0;
+				out[i] = v > most    ? FLT_MAX
+					 : v < -most ? -FLT_MAX
+					 : v == v    ? (float)v
+						     : 0;
 			}
 		}
 }

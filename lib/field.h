@@ -20,7 +20,8 @@ struct gd_field {
 };
 
 /* GD_ESHAPE unless all n planes are w x h; name says which they are. v = NULL is passed over. */
-int gd_field_check(const struct gd_plane *plane, int n, int w, int h, const char *name, struct gd_err *err);
+int gd_field_check(const struct gd_plane *plane, int n, int w, int h, const char *name,
+		   struct gd_err *err);
 
 /*
  * Typical brightness, radiance: the mean of min(|v|, 100 x median of the positive |v|) over the primal, or over
@@ -39,17 +40,18 @@ size_t gd_field_work(const struct gd_field *field);
 struct gd_mg_rows gd_field_rows(const struct gd_field *field, int y, float *work);
 
 /* Sets a_i: weight where the primal is finite, 1e-4 weight elsewhere. */
-void gd_field_screen(const struct gd_field *field, const struct gd_mg_level *l, bool wide, double weight);
+void gd_field_screen(const struct gd_field *field, const struct gd_mg_level *l, bool wide,
+		     double weight);
 
 /*
  * Adds to each connected part of x the constant that gives it the mean of the primal (mean 0 if target is
  * false or there is no primal). all: the edges are known to connect everything. parts (may be NULL): their number.
  */
-int gd_field_anchor(const struct gd_field *field, const struct gd_mg_level *l, bool wide, void *x, bool target,
-		    bool all, int *parts, struct gd_err *err);
+int gd_field_anchor(const struct gd_field *field, const struct gd_mg_level *l, bool wide, void *x,
+		    bool target, bool all, int *parts, struct gd_err *err);
 
 /* to = x / scale, limited to finite floats. */
-void gd_field_store(const struct gd_field *field, const struct gd_plane *to, const struct gd_mg_level *l, bool wide,
-		    const void *x);
+void gd_field_store(const struct gd_field *field, const struct gd_plane *to,
+		    const struct gd_mg_level *l, bool wide, const void *x);
 
 #endif

@@ -90,7 +90,8 @@ static void clear(void *block, size_t bytes)
 
 #pragma omp parallel for schedule(static) if (bytes > 8 * piece)
 	for (size_t i = 0; i < (bytes + piece - 1) / piece; i++)
-		memset((unsigned char *)block + i * piece, 0, i * piece + piece < bytes ? piece : bytes - i * piece);
+		memset((unsigned char *)block + i * piece, 0,
+		       i * piece + piece < bytes ? piece : bytes - i * piece);
 }
 
 int gd_mg_new(struct gd_mg **out, int w, int h, int n, bool wide, bool screened, struct gd_err *err)
@@ -158,7 +159,8 @@ void *gd_mg_spare(const struct gd_mg *mg)
 
 static double element(const struct gd_mg *mg, const void *plane, size_t i)
 {
-	return mg->k->size == sizeof(double) ? ((const double *)plane)[i] : (double)((const float *)plane)[i];
+	return mg->k->size == sizeof(double) ? ((const double *)plane)[i]
+					     : (double)((const float *)plane)[i];
 }
 
 /* Adds edge weight v between points i and j of the coarsest grid. */
@@ -221,12 +223,15 @@ static void solve_coarsest(const struct gd_mg *mg)
 		double v[COARSEST];
 
 		for (int i = 0; i < mg->points; i++) {
-			v[i] = element(mg, l->r, c * l->plane + (size_t)(i / l->w) * l->stride + (size_t)(i % l->w));
+			v[i] = element(mg, l->r,
+				       c * l->plane + (size_t)(i / l->w) * l->stride +
+					       (size_t)(i % l->w));
 			for (int k = 0; k < i; k++)
 				v[i] -= mg->factor[i][k] * v[k];
 		}
 		for (int i = mg->points - 1; i >= 0; i--) {
-			size_t at = c * l->plane + (size_t)(i / l->w) * l->stride + (size_t)(i % l->w);
+			size_t at =
+				c * l->plane + (size_t)(i / l->w) * l->stride + (size_t)(i % l->w);
 
 			v[i] = mg->pivot[i] > 0 ? v[i] / mg->pivot[i] : 0;
 			for (int k = i + 1; k < mg->points; k++)
@@ -303,7 +308,8 @@ static void sweep(const struct gd_mg *mg, int i, enum phase phase)
 #pragma omp parallel if (worth_threads(l))
 	{
 		const int threads = omp_get_num_threads(), id = omp_get_thread_num();
-		const int y0 = (int)((long)l->h * id / threads), y1 = (int)((long)l->h * (id + 1) / threads);
+		const int y0 = (int)((long)l->h * id / threads),
+			  y1 = (int)((long)l->h * (id + 1) / threads);
 
 		for (int y = y0; y < y1 + parts - 1; y++)
 			for (int k = 0; k < parts; k++)
@@ -330,7 +336,8 @@ static void go_down(const struct gd_mg *mg, int i)
 		return;
 	}
 	FOR_ROWS(coarse, y)
-		k->restrict_full(fine, coarse, mg->n, y, mg->work + (size_t)omp_get_thread_num() * mg->work_size);
+	k->restrict_full(fine, coarse, mg->n, y,
+			 mg->work + (size_t)omp_get_thread_num() * mg->work_size);
 }
 
 static void go_up(const struct gd_mg *mg, int i)
@@ -352,8 +359,9 @@ static void zero_guess(const struct gd_mg *mg, int i)
 
 	FOR_ROWS(l, y)
 		for (int c = 0; c < mg->n; c++)
-			memset((unsigned char *)l->z + (c * l->plane + (size_t)y * l->stride) * mg->k->size, 0,
-			       (size_t)l->w * mg->k->size);
+			memset((unsigned char *)l->z +
+				       (c * l->plane + (size_t)y * l->stride) * mg->k->size,
+			       0, (size_t)l->w * mg->k->size);
 }
 
 /* M r, and the row sums of r . M r in partial. */
@@ -412,7 +420,8 @@ static double worst(const struct gd_mg *mg, const double *rz, const double *rz0)
  * lost touch with the true residual, and going on would diverge. The cycle that finds the residual small
  * enough is also the next correction, and always a good one by itself.
  */
-static struct gd_mg_result iterate(struct gd_mg *mg, double tolerance, int max_iterations, bool fresh)
+static struct gd_mg_result iterate(struct gd_mg *mg, double tolerance, int max_iterations,
+				   bool fresh)
 {
 	const struct gd_mg_level *l = &mg->level[0];
 	const struct gd_mg_kernels *k = mg->k;

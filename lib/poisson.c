@@ -33,8 +33,8 @@ struct solver {
 	struct gd_poisson_result result;
 };
 
-static int check(const struct gd_poisson_in *in, const struct gd_poisson_conf *conf, const struct gd_plane *out,
-		 struct gd_err *err)
+static int check(const struct gd_poisson_in *in, const struct gd_poisson_conf *conf,
+		 const struct gd_plane *out, struct gd_err *err)
 {
 	const int w = in->dx[0].w, h = in->dx[0].h;
 	const bool screened = conf->method == GD_L2 || conf->method == GD_L1;
@@ -44,9 +44,11 @@ static int check(const struct gd_poisson_in *in, const struct gd_poisson_conf *c
 		return gd_fail(err, GD_EARG, "poisson: %d channels of %dx%d", in->n, w, h);
 	if ((long)w * h > INT_MAX / 2)
 		return gd_fail(err, GD_ENOMEM, "poisson: %dx%d pixels are too many", w, h);
-	if (!(conf->alpha >= 1e-3 && conf->alpha <= 1e3) || !(conf->tolerance >= 1e-12 && conf->tolerance <= 1) ||
-	    !(conf->floor >= 1e-6 && conf->floor <= 1e6) || !(conf->smooth_px >= 0 && conf->smooth_px <= 8) ||
-	    conf->max_iterations < 1 || conf->reweight < 1)
+	if (!(conf->alpha >= 1e-3 && conf->alpha <= 1e3) ||
+	    !(conf->tolerance >= 1e-12 && conf->tolerance <= 1) ||
+	    !(conf->floor >= 1e-6 && conf->floor <= 1e6) ||
+	    !(conf->smooth_px >= 0 && conf->smooth_px <= 8) || conf->max_iterations < 1 ||
+	    conf->reweight < 1)
 		return gd_fail(err, GD_EARG, "poisson: a setting is out of its range");
 	for (int c = 0; c < in->n; c++) {
 		if (!in->dx[c].v || !in->dy[c].v)
@@ -87,9 +89,11 @@ static void variances(const struct solver *s, const struct gd_mg_level *l)
 			vx[c] = weighted ? gd_row(in->dxvar[c], y) : NULL;
 			vy[c] = weighted ? gd_row(in->dyvar[c], y) : NULL;
 		}
-		k->variance((float *)l->e + (size_t)y * l->stride, dx, vx, in->n, s->field.scale, l->w - 1);
+		k->variance((float *)l->e + (size_t)y * l->stride, dx, vx, in->n, s->field.scale,
+			    l->w - 1);
 		if (y + 1 < l->h)
-			k->variance((float *)l->s + (size_t)y * l->stride, dy, vy, in->n, s->field.scale, l->w);
+			k->variance((float *)l->s + (size_t)y * l->stride, dy, vy, in->n,
+				    s->field.scale, l->w);
 	}
 }
 
@@ -106,7 +110,8 @@ static int weights(struct solver *s, struct gd_err *err)
 
 		if (median > 0)		/* else all variances are 0, and all weights equal */
 			phi = fmin(fmax(s->conf->floor * median, 1e-30), 1e30);
-		rc = gd_edges_smooth(l, gd_mg_spare(s->mg), s->conf->smooth_px, GD_EDGES_CAP * phi, err);
+		rc = gd_edges_smooth(l, gd_mg_spare(s->mg), s->conf->smooth_px, GD_EDGES_CAP * phi,
+				     err);
 		s->result.phi = median > 0 ? phi * unscale * unscale : 0;
 	}
 	if (rc == GD_OK)
@@ -163,7 +168,8 @@ static int widen(struct solver *s, bool screened, struct gd_err *err)
 	to = gd_mg_grid(mg);
 	for (int y = 0; y < from->h; y++)
 		for (int x = 0; x < from->w; x++) {
-			const size_t i = (size_t)y * from->stride + (size_t)x, j = (size_t)y * to->stride + (size_t)x;
+			const size_t i = (size_t)y * from->stride + (size_t)x,
+				     j = (size_t)y * to->stride + (size_t)x;
 
 			((double *)to->e)[j] = (double)((const float *)from->e)[i];
 			((double *)to->s)[j] = (double)((const float *)from->s)[i];
@@ -182,7 +188,8 @@ static void residual(const struct solver *s, const struct gd_field *field)
 
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < l->h; y++) {
-		struct gd_mg_rows rows = gd_field_rows(field, y, s->work + (size_t)omp_get_thread_num() * size);
+		struct gd_mg_rows rows =
+			gd_field_rows(field, y, s->work + (size_t)omp_get_thread_num() * size);
 
 		k->residual(l, field->n, gd_mg_x(s->mg), &rows, y);
 	}
@@ -196,7 +203,8 @@ static void reweight(const struct solver *s, double reg)
 
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < l->h; y++) {
-		struct gd_mg_rows rows = gd_field_rows(&s->field, y, s->work + (size_t)omp_get_thread_num() * size);
+		struct gd_mg_rows rows =
+			gd_field_rows(&s->field, y, s->work + (size_t)omp_get_thread_num() * size);
 
 		k->reweight(l, s->field.n, gd_mg_x(s->mg), &rows, s->conf->alpha, reg, y);
 	}
@@ -209,7 +217,9 @@ static void solve_once(struct solver *s, const struct gd_field *field, double to
 	residual(s, field);
 	done = gd_mg_solve(s->mg, tolerance, s->conf->max_iterations);
 	s->result.iterations += done.iterations;
-	for (int i = 0; i < RESTARTS && done.residual > tolerance && done.iterations < s->conf->max_iterations; i++) {
+	for (int i = 0;
+	     i < RESTARTS && done.residual > tolerance && done.iterations < s->conf->max_iterations;
+	     i++) {
 		residual(s, field);
 		done = gd_mg_resume(s->mg, tolerance, s->conf->max_iterations);
 		s->result.iterations += done.iterations;
@@ -225,7 +235,8 @@ static int linear(struct solver *s, const struct gd_plane *out, struct gd_err *e
 	int rc = GD_OK;
 
 	if (screened)
-		gd_field_screen(&s->field, gd_mg_grid(s->mg), s->wide, s->conf->alpha * s->conf->alpha);
+		gd_field_screen(&s->field, gd_mg_grid(s->mg), s->wide,
+				s->conf->alpha * s->conf->alpha);
 	gd_mg_setup(s->mg);
 	for (int c = 0; c < s->field.n && rc == GD_OK; c += step) {
 		const struct gd_mg_level *l = gd_mg_grid(s->mg);
@@ -236,10 +247,13 @@ static int linear(struct solver *s, const struct gd_plane *out, struct gd_err *e
 		field.dx += c;
 		field.dy += c;
 		if (c > 0)
-			memset(gd_mg_x(s->mg), 0, (size_t)(l->h - 1) * l->stride * sizeof(double) + (size_t)l->w * sizeof(double));
+			memset(gd_mg_x(s->mg), 0,
+			       (size_t)(l->h - 1) * l->stride * sizeof(double) +
+				       (size_t)l->w * sizeof(double));
 		solve_once(s, &field, s->tolerance);
 		if (!screened)
-			rc = gd_field_anchor(&field, l, s->wide, gd_mg_x(s->mg), true, whole, &s->result.parts, err);
+			rc = gd_field_anchor(&field, l, s->wide, gd_mg_x(s->mg), true, whole,
+					     &s->result.parts, err);
 		gd_field_store(&field, out + c, l, s->wide, gd_mg_x(s->mg));
 	}
 	return rc;
@@ -279,12 +293,13 @@ int gd_poisson_solve(const struct gd_plane *out, const struct gd_poisson_in *in,
 
 	if (rc != GD_OK)
 		return rc;
-	s.field = (struct gd_field){ in->dx[0].w, in->dx[0].h, in->n, 1, in->primal, in->dx, in->dy };
+	s.field = (struct gd_field){in->dx[0].w, in->dx[0].h, in->n, 1, in->primal, in->dx, in->dy};
 	s.level = gd_field_level(&s.field);
 	s.field.scale = gd_field_scale(s.level);
 	s.level = s.level > 0 ? s.level * (double)s.field.scale : 1;
 	s.result.parts = 1;
-	s.work = gd_calloc((size_t)omp_get_max_threads() * gd_field_work(&s.field), sizeof(*s.work));
+	s.work =
+		gd_calloc((size_t)omp_get_max_threads() * gd_field_work(&s.field), sizeof(*s.work));
 	if (!s.work)
 		return gd_fail(err, GD_ENOMEM, "poisson: out of memory");
 	rc = gd_mg_new(&s.mg, s.field.w, s.field.h, in->n, false, screened, err);
@@ -301,9 +316,12 @@ int gd_poisson_solve(const struct gd_plane *out, const struct gd_poisson_in *in,
 		rc = conf->method == GD_L1 ? reweighted(&s, out, report) : linear(&s, out, err);
 	if (rc == GD_OK) {
 		s.result.converged = s.result.residual <= s.tolerance;
-		gd_note(report, "%d iterations, relative residual %.2g, %d part%s, %zu edges without weight%s",
-			s.result.iterations, s.result.residual, s.result.parts, s.result.parts == 1 ? "" : "s",
-			s.result.dropped, s.wide ? ", in double" : "");
+		gd_note(report,
+			"%d iterations, relative residual %.2g, %d part%s, %zu edges without "
+			"weight%s",
+			s.result.iterations, s.result.residual, s.result.parts,
+			s.result.parts == 1 ? "" : "s", s.result.dropped,
+			s.wide ? ", in double" : "");
 		if (result)
 			*result = s.result;
 	}

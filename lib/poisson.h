@@ -33,8 +33,9 @@ enum gd_poisson_method { GD_OLS, GD_WLS, GD_L2, GD_L1 };
 struct gd_poisson_conf {
 	enum gd_poisson_method method;
 	double alpha;		/* weight of the primal image's rows in l2 and l1, 1e-3 .. 1e3 */
-	double tolerance;	/* relative residual to reach, in the norm of the preconditioner; 1e-12 .. 1. At 1e-4 */
-				/* renders differ from the exact solution by a relMSE of 1e-8 to 1e-6 */
+	double tolerance; /* relative residual to reach, in the norm of the preconditioner; 1e-12
+			     .. 1. At 1e-4 */
+			  /* renders differ from the exact solution by a relMSE of 1e-8 to 1e-6 */
 	double floor;		/* phi over the median variance, 1e-6 .. 1e6 */
 	double smooth_px;	/* standard deviation of the blur of var_e; 0 (none) .. 8 */
 	int max_iterations;	/* of conjugate gradients, per linear system */
@@ -47,7 +48,7 @@ struct gd_poisson_in {
 	int n;			/* channels, 1 .. 3 */
 	struct gd_plane dx[3], dy[3];
 	struct gd_plane primal[3];		/* v = NULL: none (l2 and l1 need it) */
-	struct gd_plane dxvar[3], dyvar[3];	/* of the mean; wls needs them, v = NULL otherwise */
+	struct gd_plane dxvar[3], dyvar[3]; /* of the mean; wls needs them, v = NULL otherwise */
 };
 
 struct gd_poisson_result {

@@ -58,15 +58,17 @@ static void draw(float *const *count, int bins, struct gd_rng_key key, uint32_t 
 		for (int b = 0; b < bins; b++)
 			part[b] = count[b] + x;
 		if (bins <= 8)
-			draw_few(part, bins, key, index + (uint32_t)x, w - x < BLOCK ? w - x : BLOCK);
+			draw_few(part, bins, key, index + (uint32_t)x,
+				 w - x < BLOCK ? w - x : BLOCK);
 		else
-			draw_many(part, bins, key, index + (uint32_t)x, w - x < BLOCK ? w - x : BLOCK);
+			draw_many(part, bins, key, index + (uint32_t)x,
+				  w - x < BLOCK ? w - x : BLOCK);
 	}
 }
 
 /* Scaled values of one plane's bins and their sum; returns how many are not finite or beyond the limit. */
-static int load(float (*restrict buf)[BLOCK], float *restrict sum, const struct gd_boot_rows *rows, int plane, int x0,
-		float scale, int n)
+static int load(float (*restrict buf)[BLOCK], float *restrict sum, const struct gd_boot_rows *rows,
+		int plane, int x0, float scale, int n)
 {
 	int bad = 0;
 
@@ -90,8 +92,8 @@ static int load(float (*restrict buf)[BLOCK], float *restrict sum, const struct 
  * Limits what is too large, and puts the mean of the finite bins in place of the others; without any, 0, and
  * var becomes infinite.
  */
-static void mend(float (*restrict buf)[BLOCK], float *restrict total, const struct gd_boot_rows *rows, int plane,
-		 int x0, float *restrict var, int n)
+static void mend(float (*restrict buf)[BLOCK], float *restrict total,
+		 const struct gd_boot_rows *rows, int plane, int x0, float *restrict var, int n)
 {
 	for (int x = 0; x < n; x++) {
 		float sum = 0;
@@ -124,8 +126,9 @@ static inline float tame(float v)
  * it added to square, that about the plain mean added to plain. The drawn mean is near the plain one, so
  * sum c d^2 - (sum c d)^2 / bins hardly cancels.
  */
-static void moments(float *restrict mean, float *restrict square, float *restrict plain, float *restrict total,
-		    float (*restrict buf)[BLOCK], float (*restrict count)[BLOCK], int bins, int n)
+static void moments(float *restrict mean, float *restrict square, float *restrict plain,
+		    float *restrict total, float (*restrict buf)[BLOCK],
+		    float (*restrict count)[BLOCK], int bins, int n)
 {
 	const float part = 1.0f / (float)bins;
 	float first[BLOCK], second[BLOCK];
@@ -172,7 +175,8 @@ static void resample_block(float *const *v, float *restrict var, const struct gd
 			   const struct gd_rng_key *key, uint32_t index, float scale, int x0, int n)
 {
 	const int bins = rows->bins;
-	const float unit = bins > 1 ? 1.0f / ((float)bins * (float)(bins - 1) * (float)rows->planes) : 0;
+	const float unit =
+		bins > 1 ? 1.0f / ((float)bins * (float)(bins - 1) * (float)rows->planes) : 0;
 	float buf[GD_BOOT_ROW_BINS][BLOCK], count[GD_BOOT_ROW_BINS][BLOCK];
 	float square[BLOCK], plain[BLOCK], lost[BLOCK], total[BLOCK];
 
@@ -201,15 +205,15 @@ static void resample_block(float *const *v, float *restrict var, const struct gd
 	}
 }
 
-static void resample(float *const *v, float *var, const struct gd_boot_rows *rows, const struct gd_rng_key *key,
-		     uint32_t index, float scale, int w)
+static void resample(float *const *v, float *var, const struct gd_boot_rows *rows,
+		     const struct gd_rng_key *key, uint32_t index, float scale, int w)
 {
 	for (int x = 0; x < w; x += BLOCK)
 		resample_block(v, var, rows, key, index, scale, x, w - x < BLOCK ? w - x : BLOCK);
 }
 
-static void add(float *restrict sum, float *restrict square, float *restrict high, const float *restrict d,
-		const float *restrict low, int w)
+static void add(float *restrict sum, float *restrict square, float *restrict high,
+		const float *restrict d, const float *restrict low, int w)
 {
 	for (int x = 0; x < w; x++)
 		sum[x] += d[x];

@@ -24,7 +24,7 @@ struct gd_mg_level {
 	void *e, *s, *se, *sw;	/* edges; se, sw NULL on level 0 */
 	void *a;		/* a_i, or NULL */
 	void *invd;		/* 1 / (sum of the edges of i + a_i), 0 where that is 0 */
-	void *px, *py;		/* interpolation from this level to the finer one: see interpolate() */
+	void *px, *py; /* interpolation from this level to the finer one: see interpolate() */
 	void *m00, *m10, *m01;
 	void *z, *r;		/* correction and right-hand side, n planes each */
 };
@@ -40,7 +40,8 @@ struct gd_mg_kernels {
 	/* Set-up. */
 	void (*diagonal)(const struct gd_mg_level *l, int y);
 	void (*schur)(const struct gd_mg_level *l, int y);	/* after diagonal() of all rows */
-	void (*interpolate)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int y);
+	void (*interpolate)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse,
+			    int y);
 	void (*galerkin)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int y);
 	void (*combine)(const struct gd_mg_level *coarse, int y);
 	/* One right-hand-side plane: coarse = transposed interpolation of fine, added up. */
@@ -50,24 +51,29 @@ struct gd_mg_kernels {
 	void (*start)(const struct gd_mg_level *l, int n, int y);
 	void (*relax)(const struct gd_mg_level *l, int n, int y, int colour);
 	void (*correct)(const struct gd_mg_level *l, int n, int y);
-	void (*restrict_red)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y,
-			     void *work);
-	void (*prolong_red)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y);
+	void (*restrict_red)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse,
+			     int n, int y, void *work);
+	void (*prolong_red)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n,
+			    int y);
 	/* Coarser levels, four colours. */
 	void (*relax9)(const struct gd_mg_level *l, int n, int y, int first);
-	void (*restrict_full)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y,
-			      void *work);
-	void (*prolong)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y);
+	void (*restrict_full)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse,
+			      int n, int y, void *work);
+	void (*prolong)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n,
+			int y);
 	/* Conjugate gradients on level 0: p = z + beta p; z = A p, sum[c] = p . z; x += alpha p, r -= alpha z. */
-	void (*dot)(double *sum, const void *u, const void *v, const struct gd_mg_level *l, int n, int y);
+	void (*dot)(double *sum, const void *u, const void *v, const struct gd_mg_level *l, int n,
+		    int y);
 	void (*direction)(void *p, const struct gd_mg_level *l, int n, const double *beta, int y);
 	void (*apply)(double *sum, const void *p, const struct gd_mg_level *l, int n, int y);
 	/* r = G'W (v - G x) + a (primal - x), flux by flux. */
-	void (*residual)(const struct gd_mg_level *l, int n, const void *x, const struct gd_mg_rows *rows, int y);
+	void (*residual)(const struct gd_mg_level *l, int n, const void *x,
+			 const struct gd_mg_rows *rows, int y);
 	/* Weights of the next l1 system: e, s, a = alpha^2 or 1 over (norm of the row's residual + reg). */
-	void (*reweight)(const struct gd_mg_level *l, int n, const void *x, const struct gd_mg_rows *rows,
-			 double alpha, double reg, int y);
-	void (*step)(void *x, const void *p, const struct gd_mg_level *l, int n, const double *alpha, int y);
+	void (*reweight)(const struct gd_mg_level *l, int n, const void *x,
+			 const struct gd_mg_rows *rows, double alpha, double reg, int y);
+	void (*step)(void *x, const void *p, const struct gd_mg_level *l, int n,
+		     const double *alpha, int y);
 };
 
 GD_KERNEL_TABLE(struct gd_mg_kernels, gd_mg_f32);

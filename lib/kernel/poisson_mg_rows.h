@@ -17,7 +17,8 @@ static inline REAL positive(REAL v)
 static void diagonal(const struct gd_mg_level *l, int y)
 {
 	const size_t stride = l->stride;
-	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y), *n = s - stride;
+	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y),
+		   *n = s - stride;
 	REAL *restrict d = ROW((REAL *)l->invd, y);
 
 	for (int x = 0; x < l->w; x++)
@@ -69,7 +70,8 @@ static void choose(REAL *restrict z, const REAL *restrict out, int odd, int w)
 static void schur(const struct gd_mg_level *l, int y)
 {
 	const size_t stride = l->stride;
-	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y), *t = s - stride;
+	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y),
+		   *t = s - stride;
 	REAL *d = ROW((REAL *)l->invd, y);
 	const REAL *up = d - stride, *low = d + stride;
 
@@ -106,7 +108,8 @@ static void interpolate(const struct gd_mg_level *fine, const struct gd_mg_level
 		const REAL *t = s + stride;
 
 		for (int x = 0; x < coarse->w; x++) {
-			REAL west = e[2 * x], east = e[2 * x + 1], north = s[2 * x], south = t[2 * x];
+			REAL west = e[2 * x], east = e[2 * x + 1], north = s[2 * x],
+			     south = t[2 * x];
 
 			px[x] = west + east > TINY ? west / (west + east) : 1;
 			py[x] = north + south > TINY ? north / (north + south) : 1;
@@ -114,8 +117,10 @@ static void interpolate(const struct gd_mg_level *fine, const struct gd_mg_level
 		return;
 	}
 
-	const REAL *se = ROW((const REAL *)fine->se, 2 * y), *sw = ROW((const REAL *)fine->sw, 2 * y);
-	const REAL *nse = se - stride, *nsw = sw - stride, *tse = se + stride, *tsw = sw + stride, *t = s + stride;
+	const REAL *se = ROW((const REAL *)fine->se, 2 * y),
+		   *sw = ROW((const REAL *)fine->sw, 2 * y);
+	const REAL *nse = se - stride, *nsw = sw - stride, *tse = se + stride, *tsw = sw + stride,
+		   *t = s + stride;
 
 	for (int x = 0; x < coarse->w; x++) {
 		REAL west = positive(e[2 * x] + sw[2 * x + 1] + nse[2 * x]);
@@ -147,7 +152,8 @@ static void interpolate(const struct gd_mg_level *fine, const struct gd_mg_level
  * cancelling diagonal. Edges along cell borders belong to the row or column they lie on. The part that belongs
  * to the coarse row below goes to z, for combine().
  */
-static inline void galerkin_row(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int y, int nine)
+static inline void galerkin_row(const struct gd_mg_level *fine, const struct gd_mg_level *coarse,
+				int y, int nine)
 {
 	size_t stride = fine->stride;
 	const REAL *e0 = ROW((const REAL *)fine->e, 2 * y), *e1 = e0 + stride;
@@ -156,19 +162,24 @@ static inline void galerkin_row(const struct gd_mg_level *fine, const struct gd_
 	const REAL *sw0 = nine ? ROW((const REAL *)fine->sw, 2 * y) : e0, *sw1 = sw0 + stride;
 
 	stride = coarse->stride;
-	const REAL *px = ROW((const REAL *)coarse->px, y), *qx = px + stride, *py = ROW((const REAL *)coarse->py, y);
-	REAL *restrict m00 = ROW((REAL *)coarse->m00, y), *restrict m10 = ROW((REAL *)coarse->m10, y);
+	const REAL *px = ROW((const REAL *)coarse->px, y), *qx = px + stride,
+		   *py = ROW((const REAL *)coarse->py, y);
+	REAL *restrict m00 = ROW((REAL *)coarse->m00, y), *restrict m10 =
+								  ROW((REAL *)coarse->m10, y);
 	REAL *restrict m01 = ROW((REAL *)coarse->m01, y);
 	REAL *restrict ce = ROW((REAL *)coarse->e, y), *restrict cs = ROW((REAL *)coarse->s, y);
 	REAL *restrict cse = ROW((REAL *)coarse->se, y), *restrict csw = ROW((REAL *)coarse->sw, y);
-	REAL *restrict below = ROW((REAL *)coarse->z, y), *restrict side = ROW((REAL *)coarse->r, y);
+	REAL *restrict below = ROW((REAL *)coarse->z, y), *restrict side =
+								  ROW((REAL *)coarse->r, y);
 
 #pragma omp simd
 	for (int x = 0; x < coarse->w; x++) {
 		const REAL t = px[x], b = qx[x], l = py[x], r = py[x + 1];
 		const REAL t1 = 1 - t, b1 = 1 - b, l1 = 1 - l, r1 = 1 - r;
-		const REAL tm = s0[2 * x + 1], mb = s1[2 * x + 1], lm = e1[2 * x], mr = e1[2 * x + 1];
-		REAL north = positive(tm), south = positive(mb), west = positive(lm), east = positive(mr);
+		const REAL tm = s0[2 * x + 1], mb = s1[2 * x + 1], lm = e1[2 * x],
+			   mr = e1[2 * x + 1];
+		REAL north = positive(tm), south = positive(mb), west = positive(lm),
+		     east = positive(mr);
 		REAL v00 = north * t + west * l, v10 = north * t1 + east * r;
 		REAL v01 = south * b + west * l1, v11 = south * b1 + east * r1;
 
@@ -245,9 +256,12 @@ static inline void gather(REAL *restrict to, const REAL *up, const REAL *mid, co
 			  const struct gd_mg_level *coarse, int y, int red)
 {
 	const size_t stride = coarse->stride;
-	const REAL *px = ROW((const REAL *)coarse->px, y), *py = ROW((const REAL *)coarse->py, y), *ny = py - stride;
-	const REAL *m00 = ROW((const REAL *)coarse->m00, y), *m10 = ROW((const REAL *)coarse->m10, y);
-	const REAL *n00 = m00 - stride, *n10 = m10 - stride, *n01 = ROW((const REAL *)coarse->m01, y - 1);
+	const REAL *px = ROW((const REAL *)coarse->px, y), *py = ROW((const REAL *)coarse->py, y),
+		   *ny = py - stride;
+	const REAL *m00 = ROW((const REAL *)coarse->m00, y),
+		   *m10 = ROW((const REAL *)coarse->m10, y);
+	const REAL *n00 = m00 - stride, *n10 = m10 - stride,
+		   *n01 = ROW((const REAL *)coarse->m01, y - 1);
 
 	/* Column -1 and row -1 hold zeros, whose share is then multiplied by a residual of 0. */
 	for (int x = 0; x < coarse->w; x++) {
@@ -257,7 +271,8 @@ static inline void gather(REAL *restrict to, const REAL *up, const REAL *mid, co
 			v += px[x] * mid[2 * x + 1] + (1 - px[x - 1]) * mid[2 * x - 1] +
 			     py[x] * low[2 * x] + (1 - ny[x]) * up[2 * x];
 		v += m00[x] * low[2 * x + 1] + m10[x - 1] * low[2 * x - 1];
-		v += n01[x] * up[2 * x + 1] + (1 - n00[x - 1] - n10[x - 1] - n01[x - 1]) * up[2 * x - 1];
+		v += n01[x] * up[2 * x + 1] +
+		     (1 - n00[x - 1] - n10[x - 1] - n01[x - 1]) * up[2 * x - 1];
 		to[x] = v;
 	}
 }
@@ -268,7 +283,8 @@ static void restrict_plane(void *to, const void *from, const struct gd_mg_level 
 	const size_t stride = fine->stride;
 	const REAL *mid = ROW((const REAL *)from, 2 * y);
 
-	gather((REAL *)to + (size_t)y * coarse->stride, mid - stride, mid, mid + stride, coarse, y, 0);
+	gather((REAL *)to + (size_t)y * coarse->stride, mid - stride, mid, mid + stride, coarse, y,
+	       0);
 }
 
 /* Black points (x + y odd) from the guess 0; red ones get any value, they are relaxed next. */
@@ -294,7 +310,8 @@ static void relax(const struct gd_mg_level *l, int n, int y, int colour)
 {
 	const size_t stride = l->stride;
 	const int odd = (y + colour) & 1;
-	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y), *t = s - stride;
+	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y),
+		   *t = s - stride;
 	const REAL *invd = ROW((const REAL *)l->invd, y);
 
 	for (int c = 0; c < n; c++) {
@@ -307,7 +324,8 @@ static void relax(const struct gd_mg_level *l, int n, int y, int colour)
 			REAL out[BLOCK];
 
 			for (int x = x0; x < x1; x++) {
-				REAL v = e[x] * z[x + 1] + e[x - 1] * z[x - 1] + s[x] * low[x] + t[x] * up[x];
+				REAL v = e[x] * z[x + 1] + e[x - 1] * z[x - 1] + s[x] * low[x] +
+					 t[x] * up[x];
 
 				out[x - x0] = invd[x] * (r[x] + v);
 			}
@@ -320,8 +338,10 @@ static void relax(const struct gd_mg_level *l, int n, int y, int colour)
 static void correct(const struct gd_mg_level *l, int n, int y)
 {
 	const size_t stride = l->stride;
-	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y), *t = s - stride;
-	const REAL *invd = ROW((const REAL *)l->invd, y), *a = l->a ? ROW((const REAL *)l->a, y) : NULL;
+	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y),
+		   *t = s - stride;
+	const REAL *invd = ROW((const REAL *)l->invd, y),
+		   *a = l->a ? ROW((const REAL *)l->a, y) : NULL;
 
 	for (int c = 0; c < n; c++) {
 		const REAL *r = ROW((const REAL *)l->r + c * l->plane, y);
@@ -352,8 +372,10 @@ static void correct(const struct gd_mg_level *l, int n, int y)
 static void residual5(REAL *restrict out, const struct gd_mg_level *l, int c, int y)
 {
 	const size_t stride = l->stride;
-	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y), *t = s - stride;
-	const REAL *z = ROW((const REAL *)l->z + c * l->plane, y), *up = z - stride, *low = z + stride;
+	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y),
+		   *t = s - stride;
+	const REAL *z = ROW((const REAL *)l->z + c * l->plane, y), *up = z - stride,
+		   *low = z + stride;
 	const REAL *r = ROW((const REAL *)l->r + c * l->plane, y);
 
 	for (int x = 0; x < l->w; x++) {
@@ -377,7 +399,8 @@ static void close_rows(REAL *v, size_t stride, int w)
 		v[i * stride - 1] = v[i * stride + (size_t)w] = v[i * stride + (size_t)w + 1] = 0;
 }
 
-static void restrict_red(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y, void *work)
+static void restrict_red(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n,
+			 int y, void *work)
 {
 	const size_t stride = fine->stride;
 	REAL *up = (REAL *)work + 16, *mid = up + stride, *low = mid + stride;
@@ -395,21 +418,25 @@ static void restrict_red(const struct gd_mg_level *fine, const struct gd_mg_leve
 		else
 			for (int x = 0; x < fine->w; x++)
 				low[x] = 0;
-		gather((REAL *)coarse->r + c * coarse->plane + (size_t)y * coarse->stride, up, mid, low, coarse, y, 1);
+		gather((REAL *)coarse->r + c * coarse->plane + (size_t)y * coarse->stride, up, mid,
+		       low, coarse, y, 1);
 	}
 }
 
 /* Red points only; black ones get any value, they are relaxed next without looking at it. */
-static void prolong_red(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y)
+static void prolong_red(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n,
+			int y)
 {
 	const size_t stride = coarse->stride;
 	const int half = fine->w / 2;
-	const REAL *m00 = ROW((const REAL *)coarse->m00, y / 2), *m10 = ROW((const REAL *)coarse->m10, y / 2);
+	const REAL *m00 = ROW((const REAL *)coarse->m00, y / 2),
+		   *m10 = ROW((const REAL *)coarse->m10, y / 2);
 	const REAL *m01 = ROW((const REAL *)coarse->m01, y / 2);
 
 	for (int c = 0; c < n; c++) {
 		REAL *restrict z = (REAL *)fine->z + c * fine->plane + (size_t)y * fine->stride;
-		const REAL *u = ROW((const REAL *)coarse->z + c * coarse->plane, y / 2), *v = u + stride;
+		const REAL *u = ROW((const REAL *)coarse->z + c * coarse->plane, y / 2),
+			   *v = u + stride;
 
 		if (y & 1) {
 			for (int x = 0; x < half; x++) {
@@ -434,7 +461,8 @@ static void prolong_red(const struct gd_mg_level *fine, const struct gd_mg_level
 static void relax9(const struct gd_mg_level *l, int n, int y, int first)
 {
 	const size_t stride = l->stride;
-	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y), *t = s - stride;
+	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y),
+		   *t = s - stride;
 	const REAL *se = ROW((const REAL *)l->se, y), *sw = ROW((const REAL *)l->sw, y);
 	const REAL *nw = se - stride, *ne = sw - stride, *invd = ROW((const REAL *)l->invd, y);
 
@@ -449,7 +477,8 @@ static void relax9(const struct gd_mg_level *l, int n, int y, int first)
 				REAL out[BLOCK];
 
 				for (int x = x0; x < x1; x++) {
-					REAL v = e[x] * z[x + 1] + e[x - 1] * z[x - 1] + s[x] * low[x] + t[x] * up[x];
+					REAL v = e[x] * z[x + 1] + e[x - 1] * z[x - 1] +
+						 s[x] * low[x] + t[x] * up[x];
 
 					v += se[x] * low[x + 1] + nw[x - 1] * up[x - 1];
 					v += sw[x] * low[x - 1] + ne[x + 1] * up[x + 1];
@@ -463,11 +492,13 @@ static void relax9(const struct gd_mg_level *l, int n, int y, int first)
 static void residual9(REAL *restrict o, const struct gd_mg_level *l, int c, int y)
 {
 	const size_t stride = l->stride;
-	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y), *t = s - stride;
+	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y),
+		   *t = s - stride;
 	const REAL *se = ROW((const REAL *)l->se, y), *sw = ROW((const REAL *)l->sw, y);
 	const REAL *nw = se - stride, *ne = sw - stride;
 	const REAL *r = ROW((const REAL *)l->r + c * l->plane, y);
-	const REAL *z = ROW((const REAL *)l->z + c * l->plane, y), *up = z - stride, *low = z + stride;
+	const REAL *z = ROW((const REAL *)l->z + c * l->plane, y), *up = z - stride,
+		   *low = z + stride;
 
 	for (int x = 0; x < l->w; x++) {
 		REAL v = e[x] * (z[x + 1] - z[x]) + e[x - 1] * (z[x - 1] - z[x]);
@@ -485,7 +516,8 @@ static void residual9(REAL *restrict o, const struct gd_mg_level *l, int c, int 
 	}
 }
 
-static void restrict_full(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y, void *work)
+static void restrict_full(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n,
+			  int y, void *work)
 {
 	const size_t stride = fine->stride;
 	REAL *up = (REAL *)work + 16, *mid = up + stride, *low = mid + stride;
@@ -503,7 +535,8 @@ static void restrict_full(const struct gd_mg_level *fine, const struct gd_mg_lev
 		else
 			for (int x = 0; x < fine->w; x++)
 				low[x] = 0;
-		gather((REAL *)coarse->r + c * coarse->plane + (size_t)y * coarse->stride, up, mid, low, coarse, y, 0);
+		gather((REAL *)coarse->r + c * coarse->plane + (size_t)y * coarse->stride, up, mid,
+		       low, coarse, y, 0);
 	}
 }
 
@@ -511,13 +544,16 @@ static void prolong(const struct gd_mg_level *fine, const struct gd_mg_level *co
 {
 	const size_t stride = coarse->stride;
 	const int half = fine->w / 2;
-	const REAL *px = ROW((const REAL *)coarse->px, y / 2), *py = ROW((const REAL *)coarse->py, y / 2);
-	const REAL *m00 = ROW((const REAL *)coarse->m00, y / 2), *m10 = ROW((const REAL *)coarse->m10, y / 2);
+	const REAL *px = ROW((const REAL *)coarse->px, y / 2),
+		   *py = ROW((const REAL *)coarse->py, y / 2);
+	const REAL *m00 = ROW((const REAL *)coarse->m00, y / 2),
+		   *m10 = ROW((const REAL *)coarse->m10, y / 2);
 	const REAL *m01 = ROW((const REAL *)coarse->m01, y / 2);
 
 	for (int c = 0; c < n; c++) {
 		REAL *restrict z = (REAL *)fine->z + c * fine->plane + (size_t)y * fine->stride;
-		const REAL *u = ROW((const REAL *)coarse->z + c * coarse->plane, y / 2), *v = u + stride;
+		const REAL *u = ROW((const REAL *)coarse->z + c * coarse->plane, y / 2),
+			   *v = u + stride;
 
 		if (y & 1) {
 			for (int x = 0; x < half; x++) {
@@ -540,12 +576,14 @@ static void prolong(const struct gd_mg_level *fine, const struct gd_mg_level *co
 	}
 }
 
-static void dot(double *sum, const void *u, const void *v, const struct gd_mg_level *l, int n, int y)
+static void dot(double *sum, const void *u, const void *v, const struct gd_mg_level *l, int n,
+		int y)
 {
 	const size_t stride = l->stride;
 
 	for (int c = 0; c < n; c++) {
-		const REAL *a = ROW((const REAL *)u + c * l->plane, y), *b = ROW((const REAL *)v + c * l->plane, y);
+		const REAL *a = ROW((const REAL *)u + c * l->plane, y),
+			   *b = ROW((const REAL *)v + c * l->plane, y);
 		double t = 0;
 
 #pragma omp simd reduction(+:t)
@@ -574,10 +612,12 @@ static void direction(void *p, const struct gd_mg_level *l, int n, const double 
 static void apply(double *sum, const void *p, const struct gd_mg_level *l, int n, int y)
 {
 	const size_t stride = l->stride;
-	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y), *t = s - stride;
+	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y),
+		   *t = s - stride;
 
 	for (int c = 0; c < n; c++) {
-		const REAL *q = ROW((const REAL *)p + c * l->plane, y), *up = q - stride, *low = q + stride;
+		const REAL *q = ROW((const REAL *)p + c * l->plane, y), *up = q - stride,
+			   *low = q + stride;
 		REAL *restrict z = ROW((REAL *)l->z + c * l->plane, y);
 		double d = 0;
 
@@ -599,14 +639,18 @@ static void apply(double *sum, const void *p, const struct gd_mg_level *l, int n
 	}
 }
 
-static void step(void *xv, const void *p, const struct gd_mg_level *l, int n, const double *alpha, int y)
+static void step(void *xv, const void *p, const struct gd_mg_level *l, int n, const double *alpha,
+		 int y)
 {
 	const size_t stride = l->stride;
 
 	for (int c = 0; c < n; c++) {
 		const REAL k = (REAL)alpha[c], *q = ROW((const REAL *)p + c * l->plane, y);
 		const REAL *z = ROW((const REAL *)l->z + c * l->plane, y);
-		REAL *restrict u = ROW((REAL *)xv + c * l->plane, y), *restrict r = ROW((REAL *)l->r + c * l->plane, y);
+		REAL *restrict u = ROW((REAL *)xv + c * l->plane, y), *restrict r = ROW(
+									      (REAL *)l->r +
+										      c * l->plane,
+									      y);
 
 		for (int x = 0; x < l->w; x++) {
 			u[x] += k * q[x];
@@ -615,13 +659,16 @@ static void step(void *xv, const void *p, const struct gd_mg_level *l, int n, co
 	}
 }
 
-static void residual(const struct gd_mg_level *l, int n, const void *xv, const struct gd_mg_rows *rows, int y)
+static void residual(const struct gd_mg_level *l, int n, const void *xv,
+		     const struct gd_mg_rows *rows, int y)
 {
 	const size_t stride = l->stride;
-	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y), *t = s - stride;
+	const REAL *e = ROW((const REAL *)l->e, y), *s = ROW((const REAL *)l->s, y),
+		   *t = s - stride;
 
 	for (int c = 0; c < n; c++) {
-		const REAL *f = ROW((const REAL *)xv + c * l->plane, y), *up = f - stride, *low = f + stride;
+		const REAL *f = ROW((const REAL *)xv + c * l->plane, y), *up = f - stride,
+			   *low = f + stride;
 		const float *dx = rows->dx[c], *dy = rows->dy[c], *ny = rows->up[c];
 		REAL *restrict r = ROW((REAL *)l->r + c * l->plane, y);
 
@@ -651,11 +698,12 @@ static inline REAL tame(REAL v)
 }
 
 /* An edge that weighs 0 (no gradient, or beyond the border) stays so. */
-static void reweight(const struct gd_mg_level *l, int n, const void *xv, const struct gd_mg_rows *rows,
-		     double alpha, double reg, int y)
+static void reweight(const struct gd_mg_level *l, int n, const void *xv,
+		     const struct gd_mg_rows *rows, double alpha, double reg, int y)
 {
 	const size_t stride = l->stride;
-	REAL *restrict e = ROW((REAL *)l->e, y), *restrict s = ROW((REAL *)l->s, y), *restrict a = ROW((REAL *)l->a, y);
+	REAL *restrict e = ROW((REAL *)l->e, y), *restrict s = ROW((REAL *)l->s, y),
+		       *restrict a = ROW((REAL *)l->a, y);
 	const REAL floor = (REAL)reg, row = (REAL)alpha;
 
 	for (int x0 = 0; x0 < l->w; x0 += BLOCK) {
@@ -663,12 +711,15 @@ static void reweight(const struct gd_mg_level *l, int n, const void *xv, const s
 		REAL qx[BLOCK] = { 0 }, qy[BLOCK] = { 0 }, qp[BLOCK] = { 0 };
 
 		for (int c = 0; c < n; c++) {
-			const REAL *f = ROW((const REAL *)xv + c * l->plane, y) + x0, *low = f + stride;
-			const float *dx = rows->dx[c] + x0, *dy = rows->dy[c] + x0, *p = rows->primal[c] + x0;
+			const REAL *f = ROW((const REAL *)xv + c * l->plane, y) + x0,
+				   *low = f + stride;
+			const float *dx = rows->dx[c] + x0, *dy = rows->dy[c] + x0,
+				    *p = rows->primal[c] + x0;
 
 			for (int x = 0; x < count; x++) {
 				REAL rx = tame((REAL)dx[x] - (f[x + 1] - f[x]));
-				REAL ry = tame((REAL)dy[x] - (low[x] - f[x])), rp = tame(row * ((REAL)p[x] - f[x]));
+				REAL ry = tame((REAL)dy[x] - (low[x] - f[x])),
+				     rp = tame(row * ((REAL)p[x] - f[x]));
 
 				qx[x] += rx * rx;
 				qy[x] += ry * ry;
@@ -687,6 +738,6 @@ static void reweight(const struct gd_mg_level *l, int n, const void *xv, const s
 }
 
 const struct gd_mg_kernels TABLE = {
-	sizeof(REAL), diagonal, schur, interpolate, galerkin, combine, restrict_plane, start, relax, correct, restrict_red,
-	prolong_red, relax9, restrict_full, prolong, dot, direction, apply, residual, reweight, step
-};
+	sizeof(REAL), diagonal, schur,	   interpolate,	 galerkin,    combine,	restrict_plane,
+	start,	      relax,	correct,   restrict_red, prolong_red, relax9,	restrict_full,
+	prolong,      dot,	direction, apply,	 residual,    reweight, step};

@@ -23,7 +23,8 @@ static int clean(float *restrict out, const float *restrict in, float scale, int
 	return bad;
 }
 
-static void variance(float *restrict out, const float *const *v, const float *const *var, int n, float scale, int w)
+static void variance(float *restrict out, const float *const *v, const float *const *var, int n,
+		     float scale, int w)
 {
 	const float part = 1.0f / (float)n;
 
@@ -50,7 +51,8 @@ static inline float bounded(float v, float cap)
 	return v <= FLT_MAX ? b : 0;
 }
 
-static void blur_down(float *restrict out, const float *const *row, const float *tap, int taps, float cap, int w)
+static void blur_down(float *restrict out, const float *const *row, const float *tap, int taps,
+		      float cap, int w)
 {
 	float sum = 0;
 
@@ -70,8 +72,8 @@ static void blur_down(float *restrict out, const float *const *row, const float 
 		out[x] *= sum;
 }
 
-static void blur_along(float *restrict out, const float *restrict in, const float *tap, int taps, float *restrict pad,
-		       int w)
+static void blur_along(float *restrict out, const float *restrict in, const float *tap, int taps,
+		       float *restrict pad, int w)
 {
 	const int r = taps / 2;
 
@@ -121,4 +123,5 @@ static int weigh(float *restrict var, float phi, int w)
 	return none;
 }
 
-const struct gd_prep_kernels GD_KERNEL(gd_prep) = { clean, variance, blur_down, blur_along, merge, weigh };
+const struct gd_prep_kernels GD_KERNEL(gd_prep) = {clean,      variance, blur_down,
+						   blur_along, merge,	 weigh};

@@ -76,14 +76,17 @@ static void make_bins(struct input *i)
 			if (gd_rng_float(key, at, 1000) < 0.001f)
 				sigma = 30;
 			for (int c = 0; c < 3; c++) {
-				gd_row(i->in.primal[c], y)[x] = (float)(truth(x, y, c) + 0.1 * noise(key, at, (uint32_t)c));
+				gd_row(i->in.primal[c], y)[x] =
+					(float)(truth(x, y, c) + 0.1 * noise(key, at, (uint32_t)c));
 				for (int b = 0; b < BINS; b++) {
 					uint32_t draw = (uint32_t)(3 + 6 * b + 2 * c);
 
-					gd_row(i->dx[b][c], y)[x] = (float)(truth(x + 1, y, c) - truth(x, y, c) +
-									    sigma * noise(key, at, draw));
-					gd_row(i->dy[b][c], y)[x] = (float)(truth(x, y + 1, c) - truth(x, y, c) +
-									    sigma * noise(key, at, draw + 1));
+					gd_row(i->dx[b][c], y)[x] =
+						(float)(truth(x + 1, y, c) - truth(x, y, c) +
+							sigma * noise(key, at, draw));
+					gd_row(i->dy[b][c], y)[x] =
+						(float)(truth(x, y + 1, c) - truth(x, y, c) +
+							sigma * noise(key, at, draw + 1));
 				}
 			}
 		}
@@ -91,7 +94,8 @@ static void make_bins(struct input *i)
 
 static void tile(struct gd_plane to, struct gd_plane from)
 {
-	for (int y = 0; y < to.h; y++)		/* every other copy mirrored would need other gradients: just repeated */
+	for (int y = 0; y < to.h;
+	     y++) /* every other copy mirrored would need other gradients: just repeated */
 		for (int x = 0; x < to.w; x++)
 			gd_row(to, y)[x] = gd_row(from, y % from.h)[x % from.w];
 }
@@ -169,7 +173,8 @@ static void bench_stream(void)
 
 static int bench_solver(struct input *i, double megapixels, struct gd_err *err)
 {
-	static const char *const name[] = { "gdsolve ols", "gdsolve wls", "gdsolve l2", "gdsolve l1" };
+	static const char *const name[] = {"gdsolve ols", "gdsolve wls", "gdsolve l2",
+					   "gdsolve l1"};
 
 	for (int m = 0; m < 4; m++) {
 		struct gd_poisson_conf conf = GD_POISSON_DEFAULTS;
@@ -185,8 +190,8 @@ static int bench_solver(struct input *i, double megapixels, struct gd_err *err)
 			seconds[k] = gd_seconds() - start;
 		}
 		print(name[m], seconds, megapixels);
-		fprintf(stderr, "%s: %d iterations, residual %.2g%s\n", name[m], result.iterations, result.residual,
-			result.wide ? ", in double" : "");
+		fprintf(stderr, "%s: %d iterations, residual %.2g%s\n", name[m], result.iterations,
+			result.residual, result.wide ? ", in double" : "");
 	}
 	return GD_OK;
 }
@@ -194,8 +199,11 @@ static int bench_solver(struct input *i, double megapixels, struct gd_err *err)
 static int bench_boot(struct input *i, double megapixels, struct gd_err *err)
 {
 	struct gd_boot_conf conf = GD_BOOT_DEFAULTS;
-	struct gd_boot_in in = { 3, BINS, (const struct gd_plane (*)[3])i->dx, (const struct gd_plane (*)[3])i->dy,
-				 { i->in.primal[0], i->in.primal[1], i->in.primal[2] } };
+	struct gd_boot_in in = {3,
+				BINS,
+				(const struct gd_plane(*)[3])i->dx,
+				(const struct gd_plane(*)[3])i->dy,
+				{i->in.primal[0], i->in.primal[1], i->in.primal[2]}};
 	struct gd_boot_out out;
 	struct gd_boot_result result;
 	double seconds[RUNS], plain[RUNS];
@@ -224,7 +232,8 @@ static int bench_boot(struct input *i, double megapixels, struct gd_err *err)
 
 int main(int argc, char **argv)
 {
-	struct input i = { .w = argc > 2 ? atoi(argv[1]) : 1280, .h = argc > 2 ? atoi(argv[2]) : 720 };
+	struct input i = {.w = argc > 2 ? atoi(argv[1]) : 1280,
+			  .h = argc > 2 ? atoi(argv[2]) : 720};
 	struct gd_err err = { 0 };
 	const double megapixels = 1e-6 * i.w * i.h;
 	int rc = GD_OK;

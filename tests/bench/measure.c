@@ -46,7 +46,8 @@ int main(int argc, char **argv)
 			perror(argv[3]);
 			_exit(127);
 		}
-		if (pid < 0 || wait4(pid, &status, 0, &use) != pid || !WIFEXITED(status) || WEXITSTATUS(status) > 1)
+		if (pid < 0 || wait4(pid, &status, 0, &use) != pid || !WIFEXITED(status) ||
+		    WEXITSTATUS(status) > 1)
 			return fprintf(stderr, "measure: %s: failed\n", argv[1]), 2;
 		wall[i] = gd_seconds() - start;
 		cpu[i] = seconds(use.ru_utime) + seconds(use.ru_stime);

@@ -34,7 +34,8 @@ static struct gd_poisson_result solve(struct problem *p, int method, const char 
 }
 
 /* Far from the damage the result is that of the sound problem. */
-static double far_difference(const struct problem *p, const struct problem *sound, int x0, int y0, int away)
+static double far_difference(const struct problem *p, const struct problem *sound, int x0, int y0,
+			     int away)
 {
 	double most = 0;
 
@@ -42,14 +43,16 @@ static double far_difference(const struct problem *p, const struct problem *soun
 		for (int y = 0; y < p->h; y++)
 			for (int x = 0; x < p->w; x++)
 				if (abs(x - x0) > away || abs(y - y0) > away)
-					most = fmax(most, fabs((double)gd_row(p->out[c], y)[x] -
-							       (double)gd_row(sound->out[c], y)[x]));
+					most = fmax(most,
+						    fabs((double)gd_row(p->out[c], y)[x] -
+							 (double)gd_row(sound->out[c], y)[x]));
 	return most;
 }
 
 static void test_tiny_and_odd_sizes(void **state)
 {
-	static const int size[][2] = { { 1, 1 }, { 1, 2 }, { 2, 1 }, { 1, 1021 }, { 1021, 1 }, { 3, 499 }, { 65, 1 }, { 127, 131 } };
+	static const int size[][2] = {{1, 1},	 {1, 2},   {2, 1},  {1, 1021},
+				      {1021, 1}, {3, 499}, {65, 1}, {127, 131}};
 
 	(void)state;
 	for (size_t i = 0; i < sizeof(size) / sizeof(*size); i++)
@@ -99,7 +102,8 @@ static void test_zero_variances(void **state)
 	for (int c = 0; c < 3; c++)
 		for (int y = 0; y < 50; y++)
 			for (int x = 0; x < 60; x++)
-				gd_row(p.in.dxvar[c], y)[x] = gd_row(p.in.dyvar[c], y)[x] = x % 4 < 2 ? 0 : 0.01f;
+				gd_row(p.in.dxvar[c], y)[x] = gd_row(p.in.dyvar[c], y)[x] =
+					x % 4 < 2 ? 0 : 0.01f;
 	assert_true(solve(&p, GD_WLS, "stripes").converged);
 	problem_free(&p);
 	problem_free(&q);
@@ -131,13 +135,15 @@ static void test_fireflies(void **state)
 		solve(&p, GD_L1, "firefly");
 		solve(&sound, GD_L1, "sound");
 		if (!(far_difference(&p, &sound, 30, 31, 12) < 0.1))
-			fail_msg("l1, %g: %g", (double)v[i], far_difference(&p, &sound, 30, 31, 12));
+			fail_msg("l1, %g: %g", (double)v[i],
+				 far_difference(&p, &sound, 30, 31, 12));
 		for (int c = 0; c < 3; c++)		/* else the constant is the firefly's */
 			gd_row(p.in.primal[c], 31)[30] = gd_row(sound.in.primal[c], 31)[30];
 		solve(&p, GD_WLS, "firefly");
 		solve(&sound, GD_WLS, "sound");
 		if (!(far_difference(&p, &sound, 30, 31, 12) < 0.3))
-			fail_msg("wls, %g: %g", (double)v[i], far_difference(&p, &sound, 30, 31, 12));
+			fail_msg("wls, %g: %g", (double)v[i],
+				 far_difference(&p, &sound, 30, 31, 12));
 		problem_free(&p);
 		problem_free(&sound);
 	}
@@ -150,7 +156,8 @@ static void test_pixels_that_are_no_numbers(void **state)
 	(void)state;
 	for (int m = GD_OLS; m <= GD_L1; m++)
 		for (int i = 0; i < 3; i++) {
-			struct problem p = problem_new(50, 50, 0.1, 5), sound = problem_new(50, 50, 0.1, 5);
+			struct problem p = problem_new(50, 50, 0.1, 5),
+				       sound = problem_new(50, 50, 0.1, 5);
 
 			gd_row(p.in.primal[0], 20)[20] = bad[i];
 			gd_row(p.in.dx[1], 21)[20] = bad[i];
@@ -200,7 +207,8 @@ static void test_denormals(void **state)
 /* Everything at once, at random, in all planes. */
 static void test_random_rubbish(void **state)
 {
-	static const float value[] = { 0, -0.0f, 1, -1, 1e30f, -1e30f, 3e38f, 1e-45f, 1e-30f, NAN, INFINITY, -INFINITY };
+	static const float value[] = {0,     -0.0f,  1,	     -1,  1e30f,    -1e30f,
+				      3e38f, 1e-45f, 1e-30f, NAN, INFINITY, -INFINITY};
 
 	(void)state;
 	for (uint64_t seed = 1; seed <= 30; seed++) {
@@ -210,11 +218,13 @@ static void test_random_rubbish(void **state)
 		for (int c = 0; c < 3; c++)
 			for (int y = 0; y < 19; y++)
 				for (int x = 0; x < 23; x++) {
-					struct gd_plane *plane[] = { p.in.primal, p.in.dx, p.in.dy, p.in.dxvar, p.in.dyvar };
+					struct gd_plane *plane[] = {p.in.primal, p.in.dx, p.in.dy,
+								    p.in.dxvar, p.in.dyvar};
 
 					for (int k = 0; k < 5; k++)
 						if (uniform(&n) < 0.3)
-							gd_row(plane[k][c], y)[x] = value[(int)(uniform(&n) * 12)];
+							gd_row(plane[k][c], y)[x] =
+								value[(int)(uniform(&n) * 12)];
 				}
 		for (int m = GD_OLS; m <= GD_L1; m++)
 			solve(&p, m, "rubbish");
@@ -252,15 +262,22 @@ static void test_rubbish_bins(void **state)
 				for (int y = 0; y < h; y++)
 					for (int x = 0; x < w; x++)
 						for (int b = 0; b < bins[i]; b++) {
-							gd_row(dx[b][c], y)[x] = uniform(&n) < 0.2 ? value[(int)(uniform(&n) * 9)] :
-										 (float)normal(&n);
-							gd_row(dy[b][c], y)[x] = uniform(&n) < 0.2 ? value[(int)(uniform(&n) * 9)] :
-										 (float)normal(&n);
+							gd_row(dx[b][c], y)[x] =
+								uniform(&n) < 0.2
+									? value[(int)(uniform(&n) *
+										      9)]
+									: (float)normal(&n);
+							gd_row(dy[b][c], y)[x] =
+								uniform(&n) < 0.2
+									? value[(int)(uniform(&n) *
+										      9)]
+									: (float)normal(&n);
 						}
 			}
 			assert_int_equal(gd_boot_run(&out, &in, &conf, NULL, NULL, &err), GD_OK);
 			for (int c = 0; c < 3; c++) {
-				assert_true(all_finite(out.mean[c]) && all_finite(out.var[c]) && all_finite(out.local[c]));
+				assert_true(all_finite(out.mean[c]) && all_finite(out.var[c]) &&
+					    all_finite(out.local[c]));
 				free(out.mean[c].v);
 				free(out.var[c].v);
 				free(out.local[c].v);

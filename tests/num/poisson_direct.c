@@ -20,7 +20,8 @@ static int ascending(const void *a, const void *b)
 }
 
 /* Weights as poisson.h defines them, without smoothing. */
-static void oracle_weights(struct dense *d, const struct problem *p, const struct gd_poisson_conf *conf)
+static void oracle_weights(struct dense *d, const struct problem *p,
+			   const struct gd_poisson_conf *conf)
 {
 	const int n = p->w * p->h;
 	double *vx = calloc((size_t)n, sizeof(double)), *vy = calloc((size_t)n, sizeof(double));
@@ -42,8 +43,12 @@ static void oracle_weights(struct dense *d, const struct problem *p, const struc
 	qsort(all, (size_t)count, sizeof(double), ascending);
 	phi = count ? conf->floor * all[(count - 1) / 2] : 1;
 	for (int i = 0; i < n; i++) {
-		d->wx[i] = conf->method != GD_WLS ? 1 : vx[i] <= 1e12 * phi ? phi / (vx[i] + phi) : 0;
-		d->wy[i] = conf->method != GD_WLS ? 1 : vy[i] <= 1e12 * phi ? phi / (vy[i] + phi) : 0;
+		d->wx[i] = conf->method != GD_WLS ? 1
+			   : vx[i] <= 1e12 * phi  ? phi / (vx[i] + phi)
+						  : 0;
+		d->wy[i] = conf->method != GD_WLS ? 1
+			   : vy[i] <= 1e12 * phi  ? phi / (vy[i] + phi)
+						  : 0;
 		d->a[i] = conf->method == GD_L2 ? conf->alpha * conf->alpha : 0;
 		if (i % p->w + 1 == p->w)
 			d->wx[i] = 0;
@@ -63,11 +68,13 @@ static void flatten(double *to, struct gd_plane p)
 }
 
 /* Largest difference to the oracle over all channels. */
-static double compare(struct problem *p, const struct gd_poisson_conf *conf, struct gd_poisson_result *result)
+static double compare(struct problem *p, const struct gd_poisson_conf *conf,
+		      struct gd_poisson_result *result)
 {
 	const size_t n = (size_t)p->w * (size_t)p->h;
 	struct dense d = dense_new(p->w, p->h);
-	double *vx = malloc(n * sizeof(double)), *vy = malloc(n * sizeof(double)), *y = malloc(n * sizeof(double));
+	double *vx = malloc(n * sizeof(double)), *vy = malloc(n * sizeof(double)),
+	       *y = malloc(n * sizeof(double));
 	double *f = malloc(n * sizeof(double)), most = 0;
 	struct gd_err err = { 0 };
 
@@ -77,9 +84,11 @@ static double compare(struct problem *p, const struct gd_poisson_conf *conf, str
 		flatten(vx, p->in.dx[c]);
 		flatten(vy, p->in.dy[c]);
 		flatten(y, p->in.primal[c]);
-		assert_int_equal(dense_solve(&d, vx, vy, y, f), conf->method == GD_L2 ? 1 : result->parts);
+		assert_int_equal(dense_solve(&d, vx, vy, y, f),
+				 conf->method == GD_L2 ? 1 : result->parts);
 		for (size_t i = 0; i < n; i++) {
-			double e = fabs((double)gd_row(p->out[c], (int)i / p->w)[(int)i % p->w] - f[i]);
+			double e = fabs((double)gd_row(p->out[c], (int)i / p->w)[(int)i % p->w] -
+					f[i]);
 
 			if (!(e <= most))
 				most = e;
@@ -93,8 +102,8 @@ static double compare(struct problem *p, const struct gd_poisson_conf *conf, str
 	return most;
 }
 
-static const int sizes[][2] = { { 1, 1 }, { 2, 1 }, { 1, 7 }, { 97, 1 }, { 1, 97 }, { 2, 2 }, { 8, 8 }, { 9, 8 },
-				{ 13, 17 }, { 31, 37 }, { 64, 16 }, { 16, 65 }, { 53, 47 } };
+static const int sizes[][2] = {{1, 1}, {2, 1},	 {1, 7},   {97, 1},  {1, 97},  {2, 2},	{8, 8},
+			       {9, 8}, {13, 17}, {31, 37}, {64, 16}, {16, 65}, {53, 47}};
 
 /* The image is of size 1; a float has 6e-8 of that, and the residual is stopped at 1e-6. */
 static void test_all_sizes_and_linear_methods(void **state)
@@ -126,7 +135,8 @@ static void spread_variances(struct problem *p, double orders, double floor, uin
 	(void)floor;
 	for (int y = 0; y < p->h; y++)
 		for (int x = 0; x < p->w; x++) {
-			double vx = pow(10, orders * (uniform(&n) - 0.5)), vy = pow(10, orders * (uniform(&n) - 0.5));
+			double vx = pow(10, orders * (uniform(&n) - 0.5)),
+			       vy = pow(10, orders * (uniform(&n) - 0.5));
 
 			for (int c = 0; c < 3; c++) {
 				gd_row(p->in.dxvar[c], y)[x] = (float)vx;
@@ -138,9 +148,12 @@ static void spread_variances(struct problem *p, double orders, double floor, uin
 /* Each edge by itself anywhere within 12 orders, inconsistent gradients, exact where the floor lets it. */
 static void test_weights_over_orders(void **state)
 {
-	static const struct { double orders, floor, limit; } cases[] = {
-		{ 4, 1e-6, 1e-4 }, { 8, 1e-6, 1e-4 }, { 12, 1e-6, 1e-4 }, { 24, 1e-6, 1e-3 }, { 24, 0.1, 1e-3 }
-	};
+	static const struct { double orders, floor, limit;
+	} cases[] = {{4, 1e-6, 1e-4},
+		     {8, 1e-6, 1e-4},
+		     {12, 1e-6, 1e-4},
+		     {24, 1e-6, 1e-3},
+		     {24, 0.1, 1e-3}};
 
 	(void)state;
 	for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {
@@ -157,8 +170,9 @@ static void test_weights_over_orders(void **state)
 		spread_variances(&p, cases[i].orders, conf.floor, 11);
 		e = compare(&p, &conf, &result);
 		if (!(e < cases[i].limit))
-			fail_msg("%g orders: off by %g, residual %g, %d iterations, %d parts", cases[i].orders, e,
-				 result.residual, result.iterations, result.parts);
+			fail_msg("%g orders: off by %g, residual %g, %d iterations, %d parts",
+				 cases[i].orders, e, result.residual, result.iterations,
+				 result.parts);
 		problem_free(&p);
 	}
 }
@@ -224,9 +238,13 @@ static double objective(const struct problem *p, const struct gd_plane *f, doubl
 
 				rp += pow(alpha * ((double)gd_row(p->in.primal[c], y)[x] - v), 2);
 				if (x + 1 < p->w)
-					rx += pow((double)gd_row(p->in.dx[c], y)[x] - ((double)gd_row(f[c], y)[x + 1] - v), 2);
+					rx += pow((double)gd_row(p->in.dx[c], y)[x] -
+							  ((double)gd_row(f[c], y)[x + 1] - v),
+						  2);
 				if (y + 1 < p->h)
-					ry += pow((double)gd_row(p->in.dy[c], y)[x] - ((double)gd_row(f[c], y + 1)[x] - v), 2);
+					ry += pow((double)gd_row(p->in.dy[c], y)[x] -
+							  ((double)gd_row(f[c], y + 1)[x] - v),
+						  2);
 			}
 			sum += sqrt(rp) + sqrt(rx) + sqrt(ry);
 		}
@@ -255,8 +273,12 @@ static double least_objective(struct problem *p, double alpha)
 			double q[3] = { 0 };
 
 			for (int c = 0; c < 3; c++) {
-				q[0] += i % p->w + 1 < p->w ? pow(v[c][0][i] - (f[c][i + 1] - f[c][i]), 2) : 0;
-				q[1] += i / p->w + 1 < p->h ? pow(v[c][1][i] - (f[c][i + p->w] - f[c][i]), 2) : 0;
+				q[0] += i % p->w + 1 < p->w
+						? pow(v[c][0][i] - (f[c][i + 1] - f[c][i]), 2)
+						: 0;
+				q[1] += i / p->w + 1 < p->h
+						? pow(v[c][1][i] - (f[c][i + p->w] - f[c][i]), 2)
+						: 0;
 				q[2] += pow(alpha * (v[c][2][i] - f[c][i]), 2);
 			}
 			d.wx[i] = i % p->w + 1 < p->w ? it ? 1 / (sqrt(q[0]) + reg) : 1 : 0;

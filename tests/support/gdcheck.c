@@ -48,8 +48,8 @@ static bool finite_all(const struct gd_image *im, const char *path, const char *
 		for (int y = 0; y < im->h; y++)
 			for (int x = 0; x < im->w; x++)
 				if (!isfinite(gd_row(p, y)[x]) && !here++)
-					printf("%s: %s is %g at %d,%d\n", path, im->chan[i].name, (double)gd_row(p, y)[x],
-					       x, y);
+					printf("%s: %s is %g at %d,%d\n", path, im->chan[i].name,
+					       (double)gd_row(p, y)[x], x, y);
 		bad += here;
 	}
 	regfree(&match);
@@ -68,7 +68,8 @@ static double mean(struct gd_plane p)
 	return sum / p.w / p.h;
 }
 
-static bool alike(const struct gd_image *a, const struct gd_image *b, double tol, double scale, char turn)
+static bool alike(const struct gd_image *a, const struct gd_image *b, double tol, double scale,
+		  char turn)
 {
 	struct gd_plane p[GD_LAYER_PLANES], q[GD_LAYER_PLANES];
 	double worst = 0;
@@ -83,8 +84,13 @@ static bool alike(const struct gd_image *a, const struct gd_image *b, double tol
 		for (int y = 0; y < a->h; y++)
 			for (int x = 0; x < a->w; x++) {
 				const double v = (double)gd_row(p[c], y)[x] * scale;
-				const double u = turn == 't' ? gd_row(q[c], x)[y] :
-						 gd_row(q[c], turn == 'y' ? a->h - 1 - y : y)[turn == 'x' ? a->w - 1 - x : x];
+				const double u =
+					turn == 't'
+						? gd_row(q[c], x)[y]
+						: gd_row(q[c],
+							 turn == 'y' ? a->h - 1 - y
+								     : y)[turn == 'x' ? a->w - 1 - x
+										      : x];
 				const double size = fmax(fabs(v), floor * fabs(scale));
 				const double d = u == v ? 0 : fabs(u - v) / size;
 
@@ -111,7 +117,9 @@ int main(int argc, char **argv)
 	bool good;
 
 	if (argc < 3)
-		return fprintf(stderr, "usage: gdcheck -c LIST A.exr | A.exr B.exr [TOL [SCALE [TURN]]]\n"), 2;
+		return fprintf(stderr,
+			       "usage: gdcheck -c LIST A.exr | A.exr B.exr [TOL [SCALE [TURN]]]\n"),
+		       2;
 	rc = load(&a, path, &err);
 	if (rc == GD_OK && two)
 		rc = load(&b, argv[2], &err);

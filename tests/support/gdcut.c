@@ -31,7 +31,10 @@ static int cut(struct gd_channel *c, int w, int h, const int rect[4])
 	for (int y = 0; y < rect[3]; y++)
 		for (int x = 0; x < rect[2]; x++)
 			memcpy(raw + (size_t)y * row + (size_t)x * size,
-			       c->raw + ((size_t)((rect[1] + y) % h) * (size_t)w + (size_t)((rect[0] + x) % w)) * size, size);
+			       c->raw + ((size_t)((rect[1] + y) % h) * (size_t)w +
+					 (size_t)((rect[0] + x) % w)) *
+						size,
+			       size);
 	for (int y = 0; is_gradient(c->name, 'x') && y < rect[3]; y++)
 		memset(raw + (size_t)(y + 1) * row - size, 0, size);
 	if (is_gradient(c->name, 'y'))
@@ -51,7 +54,9 @@ int main(int argc, char **argv)
 	int rect[4], rc;
 
 	if (argc < 7)
-		return fprintf(stderr, "usage: gdcut IN.exr OUT.exr X0 Y0 WIDTH HEIGHT [PREFIX ...]\n"), 2;
+		return fprintf(stderr,
+			       "usage: gdcut IN.exr OUT.exr X0 Y0 WIDTH HEIGHT [PREFIX ...]\n"),
+		       2;
 	for (int i = 0; i < 4; i++)
 		rect[i] = atoi(argv[3 + i]);
 	if (rect[0] < 0 || rect[1] < 0 || rect[2] < 1 || rect[3] < 1)

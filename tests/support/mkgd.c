@@ -29,8 +29,8 @@ struct scene {
 
 static double noise(const struct scene *s, unsigned a, unsigned b, int x, int y)
 {
-	uint64_t k = ((uint64_t)s->seed << 48) ^ ((uint64_t)a << 40) ^ ((uint64_t)b << 32) ^ ((uint64_t)x << 16) ^
-		     (uint64_t)y;
+	uint64_t k = ((uint64_t)s->seed << 48) ^ ((uint64_t)a << 40) ^ ((uint64_t)b << 32) ^
+		     ((uint64_t)x << 16) ^ (uint64_t)y;
 	double sum = 0;
 
 	for (int i = 0; i < 4; i++) {	/* a sum of four is near enough to a Gaussian */
@@ -76,9 +76,11 @@ static double turned(const struct scene *s, int plane, int c, int b, int x, int 
 	if (s->turn == 't')
 		v = draw(s, plane ? 3 - plane : 0, c, b, y, x);
 	else if (s->turn == 'x')
-		v = plane == 1 ? -draw(s, 1, c, b, s->w - 2 - x, y) : draw(s, plane, c, b, s->w - 1 - x, y);
+		v = plane == 1 ? -draw(s, 1, c, b, s->w - 2 - x, y)
+			       : draw(s, plane, c, b, s->w - 1 - x, y);
 	else if (s->turn == 'y')
-		v = plane == 2 ? -draw(s, 2, c, b, x, s->h - 2 - y) : draw(s, plane, c, b, x, s->h - 1 - y);
+		v = plane == 2 ? -draw(s, 2, c, b, x, s->h - 2 - y)
+			       : draw(s, plane, c, b, x, s->h - 1 - y);
 	else
 		v = draw(s, plane, c, b, x, y);
 	return v * s->scale;
@@ -106,7 +108,8 @@ static int add_estimates(struct gd_image *im, const struct scene *s, int plane, 
 					sum2 += pow(turned(s, plane, c, b, x, y) - sum, 2);
 				gd_row(mean[c], y)[x] = (float)sum;
 				if (s->draws > 1)
-					gd_row(var[c], y)[x] = (float)(sum2 / s->draws / (s->draws - 1));
+					gd_row(var[c], y)[x] =
+						(float)(sum2 / s->draws / (s->draws - 1));
 			}
 	for (int b = 0; rc == GD_OK && b < s->bins; b++) {
 		snprintf(name, sizeof name, "bin%d%s%s", b, plane ? "." : "", layers[plane]);
@@ -119,7 +122,8 @@ static int add_estimates(struct gd_image *im, const struct scene *s, int plane, 
 	return rc;
 }
 
-static int add_feature(struct gd_image *im, const char *name, const struct scene *s, int kind, struct gd_err *err)
+static int add_feature(struct gd_image *im, const char *name, const struct scene *s, int kind,
+		       struct gd_err *err)
 {
 	struct gd_plane p;
 	int rc = gd_image_add(im, name, &p, err);
@@ -130,13 +134,18 @@ static int add_feature(struct gd_image *im, const char *name, const struct scene
 			const int by = s->turn == 't' ? x : s->turn == 'y' ? s->h - 1 - y : y;
 			const double edge = bx > 5 && by > 3;
 
-			gd_row(p, y)[x] = (float)(kind == 0 ? 2 + edge + 0.01 * by : kind < 4 ? 0.2 * kind + 0.5 * edge +
-						  0.1 * sin(0.5 * bx) : kind == 4 ? edge : kind == 5 ? 1 - edge : 0.1 * bx);
+			gd_row(p, y)[x] =
+				(float)(kind == 0   ? 2 + edge + 0.01 * by
+					: kind < 4  ? 0.2 * kind + 0.5 * edge + 0.1 * sin(0.5 * bx)
+					: kind == 4 ? edge
+					: kind == 5 ? 1 - edge
+						    : 0.1 * bx);
 		}
 	return rc;
 }
 
-static void each(struct gd_image *im, const char *prefix, double (*f)(double v, int x, int y, int w, int h))
+static void each(struct gd_image *im, const char *prefix,
+		 double (*f)(double v, int x, int y, int w, int h))
 {
 	for (int i = 0; i < im->nchan; i++) {
 		struct gd_plane p = gd_plane_of(im->chan[i].v, im->w, im->h);
@@ -243,11 +252,22 @@ static bool spoil(struct gd_image *im, const char *what)
 		const char *name, *prefix;
 		double (*f)(double v, int x, int y, int w, int h);
 	} simple[] = {
-		{ "black", "", zero }, { "nan", "", one_nan }, { "inf", "", one_inf }, { "nan-colour", "R", one_nan },
-		{ "nan-dx", "dx.R", one_nan }, { "nan-bin", "bin0.", one_nan }, { "all-nan", "", all_nan },
-		{ "firefly", "R", firefly }, { "firefly-bin", "bin1", firefly }, { "firefly-dx", "dx.R", firefly },
-		{ "denormal", "", denormal }, { "negative", "", negative }, { "constant-albedo", "albedo", constant },
-		{ "offset-z", "Z", offset }, { "nan-albedo", "albedo.G", one_nan }, { "inf-n", "N.X", one_inf },
+		{"black", "", zero},
+		{"nan", "", one_nan},
+		{"inf", "", one_inf},
+		{"nan-colour", "R", one_nan},
+		{"nan-dx", "dx.R", one_nan},
+		{"nan-bin", "bin0.", one_nan},
+		{"all-nan", "", all_nan},
+		{"firefly", "R", firefly},
+		{"firefly-bin", "bin1", firefly},
+		{"firefly-dx", "dx.R", firefly},
+		{"denormal", "", denormal},
+		{"negative", "", negative},
+		{"constant-albedo", "albedo", constant},
+		{"offset-z", "Z", offset},
+		{"nan-albedo", "albedo.G", one_nan},
+		{"inf-n", "N.X", one_inf},
 	};
 
 	for (size_t i = 0; i < sizeof simple / sizeof *simple; i++)
@@ -294,7 +314,7 @@ static uint16_t to_half(float v)
 		return sign | 0x7c00;
 	if (e < -13)
 		return (uint16_t)(sign | lrint(ldexp(fabs((double)v), 24)));
-	k = lrint(ldexp(m, 11));	/* 1024 .. 2048, the carry goes into the exponent by itself */
+	k = lrint(ldexp(m, 11)); /* 1024 .. 2048, the carry goes into the exponent by itself */
 	return (uint16_t)(sign | (((e + 13) << 10) + k));
 }
 
@@ -326,7 +346,8 @@ static bool starts(const char *name, void *prefix)
 
 static int build(struct gd_image *im, const struct scene *s, struct gd_err *err)
 {
-	static const char *const features[] = { "Z", "albedo.R", "albedo.G", "albedo.B", "N.X", "N.Y", "N.Z" };
+	static const char *const features[] = {"Z",   "albedo.R", "albedo.G", "albedo.B",
+					       "N.X", "N.Y",	  "N.Z"};
 	int rc = GD_OK;
 
 	gd_image_init(im, s->w, s->h);
@@ -350,7 +371,9 @@ int main(int argc, char **argv)
 	int rc;
 
 	if (argc < 4 || (s.w = atoi(argv[2])) < 1 || (s.h = atoi(argv[3])) < 1)
-		return fprintf(stderr, "usage: mkgd OUT.exr WIDTH HEIGHT [NAME=VALUE ...] [CASE ...]\n"), 2;
+		return fprintf(stderr,
+			       "usage: mkgd OUT.exr WIDTH HEIGHT [NAME=VALUE ...] [CASE ...]\n"),
+		       2;
 	for (int i = 4; i < argc; i++) {
 		const char *v = strchr(argv[i], '=');
 

@@ -35,12 +35,19 @@ static struct bins *bins_new(int w, int h, int n, double sigma, uint64_t seed)
 			b->dy[k][c] = blank(w, h);
 			for (int y = 0; y < h; y++)
 				for (int x = 0; x < w; x++) {
-					gd_row(b->dx[k][c], y)[x] = (float)((double)gd_row(b->p.in.dx[c], y)[x] + sigma * normal(&noise));
-					gd_row(b->dy[k][c], y)[x] = (float)((double)gd_row(b->p.in.dy[c], y)[x] + sigma * normal(&noise));
+					gd_row(b->dx[k][c], y)[x] =
+						(float)((double)gd_row(b->p.in.dx[c], y)[x] +
+							sigma * normal(&noise));
+					gd_row(b->dy[k][c], y)[x] =
+						(float)((double)gd_row(b->p.in.dy[c], y)[x] +
+							sigma * normal(&noise));
 				}
 		}
-	b->in = (struct gd_boot_in){ 3, n, (const struct gd_plane (*)[3])b->dx, (const struct gd_plane (*)[3])b->dy,
-				     { b->p.in.primal[0], b->p.in.primal[1], b->p.in.primal[2] } };
+	b->in = (struct gd_boot_in){3,
+				    n,
+				    (const struct gd_plane(*)[3])b->dx,
+				    (const struct gd_plane(*)[3])b->dy,
+				    {b->p.in.primal[0], b->p.in.primal[1], b->p.in.primal[2]}};
 	for (int c = 0; c < 3; c++) {
 		b->out.mean[c] = b->mean[c] = blank(w, h);
 		b->out.var[c] = b->var[c] = blank(w, h);
@@ -103,7 +110,9 @@ static double error_of(struct gd_plane f, struct gd_plane truth, bool local)
 
 			for (int j = -4; j <= 4 && local; j++)
 				for (int i = -4; i <= 4; i++)
-					low += ((double)gd_row(f, y + j)[x + i] - (double)gd_row(truth, y + j)[x + i]) / 81;
+					low += ((double)gd_row(f, y + j)[x + i] -
+						(double)gd_row(truth, y + j)[x + i]) /
+					       81;
 			s += (d - low) * (d - low);
 			n++;
 		}
@@ -185,11 +194,20 @@ static void test_plain_is_wls(void **state)
 					double sum = 0, square = 0;
 
 					for (int k = 0; k < 6; k++)
-						sum += (double)gd_row(d ? b->dy[k][c] : b->dx[k][c], y)[x] / 6;
+						sum += (double)gd_row(d ? b->dy[k][c] : b->dx[k][c],
+								      y)[x] /
+						       6;
 					for (int k = 0; k < 6; k++)
-						square += pow((double)gd_row(d ? b->dy[k][c] : b->dx[k][c], y)[x] - sum, 2) / 30;
-					gd_row(d ? b->p.in.dy[c] : b->p.in.dx[c], y)[x] = (float)sum;
-					gd_row(d ? b->p.in.dyvar[c] : b->p.in.dxvar[c], y)[x] = (float)square;
+						square += pow((double)gd_row(d ? b->dy[k][c]
+									       : b->dx[k][c],
+									     y)[x] -
+								      sum,
+							      2) /
+							  30;
+					gd_row(d ? b->p.in.dy[c] : b->p.in.dx[c], y)[x] =
+						(float)sum;
+					gd_row(d ? b->p.in.dyvar[c] : b->p.in.dxvar[c], y)[x] =
+						(float)square;
 				}
 	conf.tolerance = wls.tolerance = 3e-6;
 	wls.method = GD_WLS;
@@ -210,7 +228,8 @@ static void test_few_bins(void **state)
 
 		run(b, &conf);
 		for (int c = 0; c < 3; c++) {
-			assert_true(all_finite(b->mean[c]) && all_finite(b->var[c]) && all_finite(b->local[c]));
+			assert_true(all_finite(b->mean[c]) && all_finite(b->var[c]) &&
+				    all_finite(b->local[c]));
 			assert_true(mean_of(b->var[c]) > 0 && mean_of(b->local[c]) > 0);
 			assert_true(error_of(b->mean[c], b->p.truth[c], false) < 0.1);
 		}
@@ -228,9 +247,13 @@ static void test_bad_bins_are_replaced(void **state)
 	for (int c = 0; c < 3; c++) {
 		gd_row(a->dx[2][c], 9)[8] = NAN;
 		gd_row(a->dy[0][c], 20)[31] = INFINITY;
-		gd_row(b->dx[2][c], 9)[8] = (gd_row(b->dx[0][c], 9)[8] + gd_row(b->dx[1][c], 9)[8] + gd_row(b->dx[3][c], 9)[8]) / 3;
-		gd_row(b->dy[0][c], 20)[31] = (gd_row(b->dy[1][c], 20)[31] + gd_row(b->dy[2][c], 20)[31] +
-					       gd_row(b->dy[3][c], 20)[31]) / 3;
+		gd_row(b->dx[2][c], 9)[8] = (gd_row(b->dx[0][c], 9)[8] + gd_row(b->dx[1][c], 9)[8] +
+					     gd_row(b->dx[3][c], 9)[8]) /
+					    3;
+		gd_row(b->dy[0][c], 20)[31] =
+			(gd_row(b->dy[1][c], 20)[31] + gd_row(b->dy[2][c], 20)[31] +
+			 gd_row(b->dy[3][c], 20)[31]) /
+			3;
 	}
 	run(a, &conf);
 	run(b, &conf);
@@ -260,8 +283,10 @@ static void test_scaling(void **state)
 	for (int c = 0; c < 3; c++)
 		for (int y = 0; y < 30; y++)
 			for (int x = 0; x < 40; x++) {
-				assert_true(gd_row(a->mean[c], y)[x] * 0x1p24f == gd_row(b->mean[c], y)[x]);
-				assert_true(gd_row(a->var[c], y)[x] * 0x1p48f == gd_row(b->var[c], y)[x]);
+				assert_true(gd_row(a->mean[c], y)[x] * 0x1p24f ==
+					    gd_row(b->mean[c], y)[x]);
+				assert_true(gd_row(a->var[c], y)[x] * 0x1p48f ==
+					    gd_row(b->var[c], y)[x]);
 			}
 	bins_free(a);
 	bins_free(b);
@@ -270,7 +295,7 @@ static void test_scaling(void **state)
 /* Two solutions whose difference is white noise: a quarter of its variance, but for what the blur takes. */
 static void test_halves(void **state)
 {
-	struct gd_plane a[1] = { blank(80, 60) }, b[1] = { blank(80, 60) }, local[1] = { blank(80, 60) };
+	struct gd_plane a[1] = {blank(80, 60)}, b[1] = {blank(80, 60)}, local[1] = {blank(80, 60)};
 	struct noise n = { 8 };
 	struct gd_err err = { 0 };
 

@@ -225,7 +225,7 @@ static void test_stats(void **state)
 
 int main(void)
 {
-	setenv("OMP_WAIT_POLICY", "passive", 0);	/* or the command line starts this program again */
+	setenv("OMP_WAIT_POLICY", "passive", 0); /* or the command line starts this program again */
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_values), cmocka_unit_test(test_usage_errors_name_the_option),
 		cmocka_unit_test(test_help_tells_the_defaults), cmocka_unit_test(test_how_it_ends),

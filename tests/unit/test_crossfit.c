@@ -22,7 +22,8 @@
 
 static float draw(unsigned seed, int c, int x, int y)
 {
-	uint64_t k = ((uint64_t)seed << 40) ^ ((uint64_t)c << 32) ^ ((uint64_t)x << 16) ^ (uint64_t)y;
+	uint64_t k =
+		((uint64_t)seed << 40) ^ ((uint64_t)c << 32) ^ ((uint64_t)x << 16) ^ (uint64_t)y;
 	double sum = 0;
 
 	for (int i = 0; i < 4; i++) {	/* variance 1 */
@@ -49,7 +50,9 @@ static struct gd_plane plane(int w, int h)
 
 static double feature(int a, int x, int y)
 {
-	return a == 0 ? (x / 9 + y / 7) % 3 : a == 1 ? sin(0.2 * x) * cos(0.15 * y) : 0.02 * (x + y);
+	return a == 0	? (x / 9 + y / 7) % 3
+	       : a == 1 ? sin(0.2 * x) * cos(0.15 * y)
+			: 0.02 * (x + y);
 }
 
 /* Radiance that G-buffers explain wholly (bend 0), or less and less. */
@@ -88,7 +91,8 @@ static struct job *make(int w, int h, int ny, double sigma, double bend)
 				gd_row(j->in.var[c], y)[x] = (float)(sigma * sigma / 2);
 				for (int half = 0; half < 2; half++)
 					gd_row(j->in.y[half][c], y)[x] =
-						(float)(t + sigma * (double)draw((unsigned)half, c, x, y));
+						(float)(t + sigma * (double)draw((unsigned)half, c,
+										 x, y));
 			}
 		}
 	return j;
@@ -225,7 +229,8 @@ static void test_error_falls_with_noise(void **state)
 		e[i] = square_error(j);
 		own[i] = (mean(j->mse[0]) + mean(j->mse[1]) + mean(j->mse[2])) / 3;
 		below(e[i], sigma[i] * sigma[i] / 2 / 15);	/* of the mean of both halves */
-		below(own[i], 4 * e[i]);	/* models that err alike are not told from ones that do not */
+		below(own[i],
+		      4 * e[i]); /* models that err alike are not told from ones that do not */
 		below(e[i], 2 * own[i]);
 		for (int c = 0; c < 3; c++)
 			below(fabs(mean(j->est[c]) / mean(j->truth[c]) - 1), 0.005 + sigma[i] / 50);
@@ -284,7 +289,8 @@ static void mirror(struct gd_plane p, int how)
 
 	for (int y = 0; y < p.h; y++)
 		for (int x = 0; x < p.w; x++)
-			gd_row(t, y)[x] = gd_row(p, how == 2 ? p.h - 1 - y : y)[how == 1 ? p.w - 1 - x : x];
+			gd_row(t, y)[x] =
+				gd_row(p, how == 2 ? p.h - 1 - y : y)[how == 1 ? p.w - 1 - x : x];
 	memcpy(p.v, t.v, p.stride * (size_t)p.h * sizeof(float));
 	free(t.v);
 }
@@ -375,7 +381,8 @@ static void test_scaled(void **state)
 				for (int x = 0; x < W; x++)
 					gd_row(b->est[c], y)[x] /= s;
 			below(most_off(a->est[c], b->est[c]), 2e-4);
-			below(fabs(mean(b->mse[c]) / ((double)s * (double)s) / mean(a->mse[c]) - 1), 1e-3);
+			below(fabs(mean(b->mse[c]) / ((double)s * (double)s) / mean(a->mse[c]) - 1),
+			      1e-3);
 		}
 		done(b);
 	}
@@ -450,9 +457,9 @@ static void test_shares(void **state)
 
 		for (int c = 0; c < 3; c++)
 			for (int y = 0; y < H; y++)
-				for (int x = 0; x < W; x++)	/* the second: 4 times the variance */
-					gd_row(j->in.y[1][c], y)[x] +=
-						gd_row(j->in.y[1][c], y)[x] - gd_row(j->truth[c], y)[x];
+				for (int x = 0; x < W; x++) /* the second: 4 times the variance */
+					gd_row(j->in.y[1][c], y)[x] += gd_row(j->in.y[1][c], y)[x] -
+								       gd_row(j->truth[c], y)[x];
 	}
 	odd->in.share[0] = 0.8;
 	odd->in.share[1] = 0.2;
@@ -463,12 +470,13 @@ static void test_shares(void **state)
 	}
 	run(even, false);
 	run(odd, false);
-	below(square_error(odd), 0.85 * square_error(even));	/* 0.072 against 0.1125 of the noise */
+	below(square_error(odd), 0.85 * square_error(even)); /* 0.072 against 0.1125 of the noise */
 	below(mean(odd->mse[0]), 4 * square_error(odd));
 	below(square_error(odd), 2 * mean(odd->mse[0]));
 	odd->in.share[0] = 0.9;
-	assert_int_equal(gd_crossfit_run(&(struct gd_crossfit_out){ odd->est, odd->mse, odd->spread },
-					 &odd->in, &conf, &odd->result, NULL, NULL), GD_EARG);
+	assert_int_equal(gd_crossfit_run(&(struct gd_crossfit_out){odd->est, odd->mse, odd->spread},
+					 &odd->in, &conf, &odd->result, NULL, NULL),
+			 GD_EARG);
 	done(even);
 	done(odd);
 }
@@ -543,8 +551,8 @@ static void fill(struct job *j, float v0, float v1, float var)
 static void test_extremes(void **state)
 {
 	static const float value[][3] = {
-		{ 0, 0, 0 }, { 1e-40f, 3e-41f, 0 }, { -1, -2, 0.25f }, { -1, 1, 1 }, { 1, 1, FLT_MAX },
-		{ FLT_MAX, -FLT_MAX, FLT_MAX }, { 1e30f, 1e30f, 0 },
+		{0, 0, 0},	 {1e-40f, 3e-41f, 0},	       {-1, -2, 0.25f},	  {-1, 1, 1},
+		{1, 1, FLT_MAX}, {FLT_MAX, -FLT_MAX, FLT_MAX}, {1e30f, 1e30f, 0},
 	};
 
 	(void)state;
@@ -563,7 +571,7 @@ static void test_extremes(void **state)
 
 static void test_sizes(void **state)
 {
-	static const int size[][2] = { { 1, 1 }, { 1, 40 }, { 40, 1 }, { 2, 2 }, { 3, 7 }, { 129, 5 } };
+	static const int size[][2] = {{1, 1}, {1, 40}, {40, 1}, {2, 2}, {3, 7}, {129, 5}};
 
 	(void)state;
 	for (size_t i = 0; i < sizeof size / sizeof *size; i++) {
@@ -588,9 +596,11 @@ static void test_odd_features(void **state)
 			for (int x = 0; x < W; x++) {
 				float *f = gd_row(j->in.feat[2], y) + x;
 
-				*f = odd == 0 ? 7 : odd == 1 ? gd_row(j->in.feat[0], y)[x] :
-				     odd == 2 ? 1e8f + 64 * (float)x : odd == 3 ? (x < 9 ? 3e38f : *f) :
-				     1e-40f * (float)x;
+				*f = odd == 0	? 7
+				     : odd == 1 ? gd_row(j->in.feat[0], y)[x]
+				     : odd == 2 ? 1e8f + 64 * (float)x
+				     : odd == 3 ? (x < 9 ? 3e38f : *f)
+						: 1e-40f * (float)x;
 			}
 		run(j, false);
 		assert_sane(j);
@@ -636,15 +646,24 @@ static void test_refused(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_linear_image_is_reproduced), cmocka_unit_test(test_constant_image),
-		cmocka_unit_test(test_error_falls_with_noise), cmocka_unit_test(test_what_features_miss),
-		cmocka_unit_test(test_halves_swapped), cmocka_unit_test(test_turned),
-		cmocka_unit_test(test_channels_permuted), cmocka_unit_test(test_scaled),
-		cmocka_unit_test(test_threads), cmocka_unit_test(test_layers_add_up),
-		cmocka_unit_test(test_shares), cmocka_unit_test(test_no_halves),
-		cmocka_unit_test(test_fireflies), cmocka_unit_test(test_extremes),
-		cmocka_unit_test(test_sizes), cmocka_unit_test(test_odd_features),
-		cmocka_unit_test(test_no_features), cmocka_unit_test(test_refused),
+		cmocka_unit_test(test_linear_image_is_reproduced),
+		cmocka_unit_test(test_constant_image),
+		cmocka_unit_test(test_error_falls_with_noise),
+		cmocka_unit_test(test_what_features_miss),
+		cmocka_unit_test(test_halves_swapped),
+		cmocka_unit_test(test_turned),
+		cmocka_unit_test(test_channels_permuted),
+		cmocka_unit_test(test_scaled),
+		cmocka_unit_test(test_threads),
+		cmocka_unit_test(test_layers_add_up),
+		cmocka_unit_test(test_shares),
+		cmocka_unit_test(test_no_halves),
+		cmocka_unit_test(test_fireflies),
+		cmocka_unit_test(test_extremes),
+		cmocka_unit_test(test_sizes),
+		cmocka_unit_test(test_odd_features),
+		cmocka_unit_test(test_no_features),
+		cmocka_unit_test(test_refused),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

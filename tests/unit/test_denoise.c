@@ -28,7 +28,8 @@ static double draw(unsigned *state)
 }
 
 /* A layer of value + x/8 with noise. */
-static void add(struct gd_image *im, const char *layer, int n, double value, double noise, unsigned seed)
+static void add(struct gd_image *im, const char *layer, int n, double value, double noise,
+		unsigned seed)
 {
 	struct gd_plane p[GD_LAYER_PLANES];
 	unsigned state = seed * 7919 + 1;
@@ -37,7 +38,8 @@ static void add(struct gd_image *im, const char *layer, int n, double value, dou
 	for (int c = 0; c < n; c++)
 		for (int y = 0; y < H; y++)
 			for (int x = 0; x < W; x++)
-				gd_row(p[c], y)[x] = (float)(value + x / 8.0 + noise * draw(&state));
+				gd_row(p[c], y)[x] =
+					(float)(value + x / 8.0 + noise * draw(&state));
 }
 
 /* Colour as the mean of its parts part0 .. part<n-1>, with variances, albedo and a noisy depth. */
@@ -140,7 +142,8 @@ static void test_too_many_features(void **state)
 	for (int i = 0; i < 26; i++) {
 		snprintf(name, sizeof name, "f%d", i);
 		add(&im, name, 1, i, 1, (unsigned)i);
-		snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? "," : "", name);
+		snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? "," : "",
+			 name);
 	}
 	conf.features = list;
 	assert_int_equal(run(&im, &conf, &err), GD_EARG);
@@ -159,8 +162,12 @@ static void test_bins_as_halves(void **state)
 		frame(&a, "half", 2);
 		frame(&b, "bin", 2);
 		for (int c = 0; c < 3 && !known; c++) {
-			gd_image_drop(&a, c == 0 ? "variance.R" : c == 1 ? "variance.G" : "variance.B");
-			gd_image_drop(&b, c == 0 ? "variance.R" : c == 1 ? "variance.G" : "variance.B");
+			gd_image_drop(&a, c == 0   ? "variance.R"
+					  : c == 1 ? "variance.G"
+						   : "variance.B");
+			gd_image_drop(&b, c == 0   ? "variance.R"
+					  : c == 1 ? "variance.G"
+						   : "variance.B");
 		}
 		assert_int_equal(run(&a, &conf, NULL), GD_OK);
 		assert_int_equal(run(&b, &conf, NULL), GD_OK);
@@ -204,7 +211,8 @@ static void test_odd_bins(void **state)
 
 		snprintf(name, sizeof name, "variance.%c", "RGB"[c]);
 		for (int y = 0; y < H; y++)
-			memcpy(gd_row(plane(&b, name), y), gd_row(plane(&a, name), y), W * sizeof(float));
+			memcpy(gd_row(plane(&b, name), y), gd_row(plane(&a, name), y),
+			       W * sizeof(float));
 	}
 	assert_int_equal(gd_attr_set_int(&b, "gd:bins", 3, NULL), GD_OK);
 	assert_int_equal(run(&a, &conf, NULL), GD_OK);
@@ -216,8 +224,8 @@ static void test_odd_bins(void **state)
 
 static void test_keep_and_drop(void **state)
 {
-	static const char *const used[] = { "albedo.R", "Z", "Z.variance", "variance.G", "bin0.R", "bin1.G",
-					    "bin2.B" };
+	static const char *const used[] = {"albedo.R", "Z",	 "Z.variance", "variance.G",
+					   "bin0.R",   "bin1.G", "bin2.B"};
 	struct gd_denoise_conf conf = GD_DENOISE_DEFAULTS;
 
 	(void)state;

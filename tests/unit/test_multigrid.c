@@ -50,7 +50,8 @@ static void fill(struct gd_mg *mg, long seed, bool mean_free)
 	srand48(seed);
 	for (int y = 0; y < l->h; y++)
 		for (int x = 0; x < l->w; x++)
-			mean += ((double *)l->r)[(size_t)y * l->stride + (size_t)x] = drand48() - 0.5;
+			mean += ((double *)l->r)[(size_t)y * l->stride + (size_t)x] =
+				drand48() - 0.5;
 	mean /= (double)l->w * l->h;
 	for (int y = 0; y < l->h && mean_free; y++)
 		for (int x = 0; x < l->w; x++)
@@ -63,7 +64,8 @@ static double product(const struct gd_mg_level *l, const double *u, const double
 
 	for (int y = 0; y < l->h; y++)
 		for (int x = 0; x < l->w; x++)
-			s += u[(size_t)y * l->stride + (size_t)x] * v[(size_t)y * l->stride + (size_t)x];
+			s += u[(size_t)y * l->stride + (size_t)x] *
+			     v[(size_t)y * l->stride + (size_t)x];
 	return s;
 }
 
@@ -72,7 +74,8 @@ static double *copy(const struct gd_mg_level *l, const double *v)
 	double *u = calloc(l->plane, sizeof(double));
 
 	for (int y = 0; y < l->h; y++)
-		memcpy(u + (size_t)y * l->stride, v + (size_t)y * l->stride, (size_t)l->w * sizeof(double));
+		memcpy(u + (size_t)y * l->stride, v + (size_t)y * l->stride,
+		       (size_t)l->w * sizeof(double));
 	return u;
 }
 
@@ -121,7 +124,8 @@ static void test_iterations_do_not_grow(void **state)
 			fill(mg, 5, true);
 			done = gd_mg_solve(mg, 1e-8, 100);
 			if (done.iterations > limit[kind] || done.residual > 1e-8)
-				fail_msg("kind %d, side %d: %d iterations, %g", kind, side, done.iterations, done.residual);
+				fail_msg("kind %d, side %d: %d iterations, %g", kind, side,
+					 done.iterations, done.residual);
 			gd_mg_free(mg);
 		}
 }

@@ -276,7 +276,8 @@ static void display_configured(void **state)
 		"file_rules:\n  - !<Rule> {name: Default, colorspace: default}\n"
 		"displays:\n  Dim:\n    - !<View> {name: Half, colorspace: half}\n"
 		"colorspaces:\n  - !<ColorSpace> {name: lin}\n  - !<ColorSpace>\n    name: half\n"
-		"    from_scene_reference: !<MatrixTransform> {matrix: [0.5,0,0,0, 0,0.5,0,0, 0,0,0.5,0, 0,0,0,1]}\n";
+		"    from_scene_reference: !<MatrixTransform> {matrix: [0.5,0,0,0, 0,0.5,0,0, "
+		"0,0,0.5,0, 0,0,0,1]}\n";
 	float rgb[3] = { 0.25f, 0.5f, 1 };
 	struct gd_err err = { 0 };
 	int fd = mkstemps(path, 5);

@@ -10,7 +10,8 @@
 
 #include "../support/poisson_case.h"
 
-static struct gd_poisson_result solve(struct problem *p, enum gd_poisson_method method, double tolerance)
+static struct gd_poisson_result solve(struct problem *p, enum gd_poisson_method method,
+				      double tolerance)
 {
 	struct gd_poisson_conf conf = GD_POISSON_DEFAULTS;
 	struct gd_poisson_result result;
@@ -91,7 +92,8 @@ static void test_a_scaled_input_gives_the_scaled_output(void **state)
 	(void)state;
 	for (int m = GD_OLS; m <= GD_L1; m++)
 		for (size_t i = 0; i < sizeof(k) / sizeof(*k); i++) {
-			struct problem p = problem_new(50, 41, 0.2, 4), q = problem_new(50, 41, 0.2, 4);
+			struct problem p = problem_new(50, 41, 0.2, 4),
+				       q = problem_new(50, 41, 0.2, 4);
 			const double limit = i < 2 ? 0 : m == GD_L1 ? 1e-3 : 1e-5;
 
 			scale_problem(&q, k[i]);
@@ -115,7 +117,8 @@ static void test_linearity(void **state)
 
 	(void)state;
 	for (int m = 0; m < 3; m++) {
-		struct problem p = problem_new(60, 40, 0.2, 5), q = problem_new(60, 40, 0.5, 6), s = problem_new(60, 40, 0.2, 5);
+		struct problem p = problem_new(60, 40, 0.2, 5), q = problem_new(60, 40, 0.5, 6),
+			       s = problem_new(60, 40, 0.2, 5);
 
 		for (int c = 0; c < 3; c++)
 			for (int y = 0; y < 40; y++)
@@ -124,7 +127,8 @@ static void test_linearity(void **state)
 					gd_row(q.in.dyvar[c], y)[x] = gd_row(p.in.dyvar[c], y)[x];
 					gd_row(s.in.dx[c], y)[x] += gd_row(q.in.dx[c], y)[x];
 					gd_row(s.in.dy[c], y)[x] += gd_row(q.in.dy[c], y)[x];
-					gd_row(s.in.primal[c], y)[x] += gd_row(q.in.primal[c], y)[x];
+					gd_row(s.in.primal[c], y)[x] +=
+						gd_row(q.in.primal[c], y)[x];
 				}
 		solve(&p, method[m], 3e-6);
 		solve(&q, method[m], 3e-6);
@@ -132,7 +136,8 @@ static void test_linearity(void **state)
 		for (int c = 0; c < 3; c++)
 			for (int y = 0; y < 40; y++)
 				for (int x = 0; x < 60; x++)
-					assert_true(fabs((double)gd_row(p.out[c], y)[x] + (double)gd_row(q.out[c], y)[x] -
+					assert_true(fabs((double)gd_row(p.out[c], y)[x] +
+							 (double)gd_row(q.out[c], y)[x] -
 							 (double)gd_row(s.out[c], y)[x]) < 1e-4);
 		problem_free(&p);
 		problem_free(&q);
@@ -148,11 +153,15 @@ static void mirror(struct problem *to, const struct problem *p)
 	for (int c = 0; c < 3; c++)
 		for (int y = 0; y < h; y++)
 			for (int x = 0; x < w; x++) {
-				gd_row(to->in.primal[c], y)[x] = gd_row(p->in.primal[c], y)[w - 1 - x];
+				gd_row(to->in.primal[c], y)[x] =
+					gd_row(p->in.primal[c], y)[w - 1 - x];
 				gd_row(to->in.dy[c], y)[x] = gd_row(p->in.dy[c], y)[w - 1 - x];
-				gd_row(to->in.dyvar[c], y)[x] = gd_row(p->in.dyvar[c], y)[w - 1 - x];
-				gd_row(to->in.dx[c], y)[x] = x + 1 < w ? -gd_row(p->in.dx[c], y)[w - 2 - x] : 0;
-				gd_row(to->in.dxvar[c], y)[x] = x + 1 < w ? gd_row(p->in.dxvar[c], y)[w - 2 - x] : 0;
+				gd_row(to->in.dyvar[c], y)[x] =
+					gd_row(p->in.dyvar[c], y)[w - 1 - x];
+				gd_row(to->in.dx[c], y)[x] =
+					x + 1 < w ? -gd_row(p->in.dx[c], y)[w - 2 - x] : 0;
+				gd_row(to->in.dxvar[c], y)[x] =
+					x + 1 < w ? gd_row(p->in.dxvar[c], y)[w - 2 - x] : 0;
 			}
 }
 
@@ -173,7 +182,8 @@ static void test_symmetries(void **state)
 {
 	(void)state;
 	for (int m = GD_OLS; m <= GD_L1; m++) {
-		struct problem p = problem_new(45, 38, 0.2, 7), f = problem_new(45, 38, 0, 1), t = problem_new(38, 45, 0, 1);
+		struct problem p = problem_new(45, 38, 0.2, 7), f = problem_new(45, 38, 0, 1),
+			       t = problem_new(38, 45, 0, 1);
 		const double limit = m == GD_L1 ? 2e-2 : 5e-5;
 		struct problem q = p;
 
@@ -187,8 +197,10 @@ static void test_symmetries(void **state)
 				for (int x = 0; x < 45; x++) {
 					double v = (double)gd_row(p.out[c], y)[x];
 
-					assert_true(fabs(v - (double)gd_row(f.out[c], y)[44 - x]) < limit);
-					assert_true(fabs(v - (double)gd_row(t.out[c], x)[y]) < limit);
+					assert_true(fabs(v - (double)gd_row(f.out[c], y)[44 - x]) <
+						    limit);
+					assert_true(fabs(v - (double)gd_row(t.out[c], x)[y]) <
+						    limit);
 				}
 		for (int c = 0; c < 3; c++) {	/* channels in another order */
 			q.in.primal[c] = p.in.primal[(c + 1) % 3];

@@ -29,7 +29,7 @@ static void test_every_byte_is_uniform(void **state)
 
 	(void)state;
 	for (int shift = 0; shift < 32; shift += 8) {
-		unsigned along[256] = { 0 }, draws[256] = { 0 }, streams[256] = { 0 }, seeds[256] = { 0 };
+		unsigned along[256] = {0}, draws[256] = {0}, streams[256] = {0}, seeds[256] = {0};
 
 		for (unsigned i = 0; i < N; i++) {
 			along[gd_rng_u32(key, i, 0) >> shift & 255]++;
