@@ -80,6 +80,13 @@ static bool crossed(const struct job *job, const char *feature)
 	       has_halves(job->im, feature, 3);
 }
 
+/* A feature of all samples beside halves of the colour: it knows the very noise it is to remove. */
+static bool knows_noise(const struct job *job, const char *feature)
+{
+	return crossfit(job) && job->source != NO_HALVES && !strcmp(feature, "feature") &&
+	       !crossed(job, feature);
+}
+
 /* The halves of a crossed feature are enough: what all samples say is not read. */
 static bool has_feature(const struct job *job, const char *layer)
 {
@@ -100,7 +107,8 @@ static int choose_features(struct job *job, struct gd_err *err)
 	if (strcmp(list, "auto"))
 		return split(&job->features, list, err);
 	for (size_t i = 0; i < sizeof known / sizeof *known; i++)
-		if (strcmp(known[i], "P") != 0 && has_feature(job, known[i]))
+		if (strcmp(known[i], "P") != 0 && has_feature(job, known[i]) &&
+		    !knows_noise(job, known[i]))
 			job->features.name[job->features.n++] = known[i];
 	return GD_OK;
 }

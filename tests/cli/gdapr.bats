@@ -198,3 +198,17 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 	grep -q '"spikes": *[0-9]' s.json
 	grep -q '"mended": *0' s.json
 }
+
+@test "a feature of all samples is no feature beside bins of the colour, unless named" {
+	PATH=${gdapr%/*}:$PATH
+	gdbag -q "${GD_TESTDATA:-$top/testdata}/kitchen/gpt16.exr" bag.exr
+	gdapr -v bag.exr auto.exr 2>said
+	run ! grep -q "feature feature" said
+	gdapr -v -f albedo,N,Z,feature bag.exr named.exr 2>said
+	grep -q "feature feature" said
+	gdapr --paper -v bag.exr paper.exr 2>said
+	grep -q "feature feature" said
+	SOURCE_DATE_EPOCH=1 gdapr -q -f albedo,N,Z bag.exr without.exr
+	run gdrelmse -q --max 1e-12 -r without.exr auto.exr
+	[ "$status" -eq 0 ]
+}
