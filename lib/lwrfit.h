@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Cross-fitted linear predictions: the sparse models of lwr.h on the two independent halves of the
+ * samples. The colour of either half is regressed on G-buffers and on the feature of the OTHER half,
+ * with the weights of crossfit.h taken from the other half, and the halves are averaged.
+ */
+#ifndef GD_LWRFIT_H
+#define GD_LWRFIT_H
+
+#include "crossfit.h"
+#include "lwr.h"
+
+/* Planes for what was chosen, each with v = NULL or of the image's size: averaged over the halves. */
+struct gd_lwrfit_model {
+	struct gd_plane radius, features, centre;
+};
+
+struct gd_lwrfit_result {
+	size_t models;		/* of both halves */
+	double mean_radius, fit_seconds;
+	double gain;		/* as in struct gd_crossfit_result */
+};
+
+/*
+ * in, out: as for gd_crossfit_run(). Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. The result does
+ * not depend on the number of threads.
+ */
+int gd_lwrfit_run(const struct gd_crossfit_out *out, const struct gd_lwrfit_model *model,
+		  struct gd_crossfit_in *in, const struct gd_lwr_conf *conf,
+		  struct gd_lwrfit_result *result, const struct gd_report *report,
+		  struct gd_err *err);
+
+#endif
