@@ -76,6 +76,7 @@ static void describe_default(char text[64], const struct gd_opt *o)
 		break;
 	case GD_OPT_FLAG:
 	case GD_OPT_LIST:
+	case GD_OPT_WORDS:
 		break;
 	}
 }
@@ -277,6 +278,7 @@ static void set_option(const struct table *t, const struct gd_opt *o, bool by_le
 		*(const char **)o->target = arg;
 		break;
 	case GD_OPT_LIST:
+	case GD_OPT_WORDS:
 		list = o->target;
 		list->v = or_leave(t->tool,
 				   realloc(list->v, (size_t)(list->n + 1) * sizeof *list->v));
@@ -337,6 +339,10 @@ static void parse_options(struct table *t, int argc, char **argv)
 			for (i = 0; t->opt[i].key != c; i++)
 				;
 		set_option(t, &t->opt[i], c < LONG_KEY, optarg);
+		/* a lone "-" is a word: standard input */
+		while (t->opt[i].kind == GD_OPT_WORDS && optind < argc &&
+		       (argv[optind][0] != '-' || !argv[optind][1]))
+			set_option(t, &t->opt[i], c < LONG_KEY, argv[optind++]);
 	}
 }
 

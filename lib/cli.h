@@ -13,9 +13,14 @@
 #include "exr.h"
 #include "json.h"
 
-enum gd_opt_kind { GD_OPT_FLAG, GD_OPT_INT, GD_OPT_DOUBLE, GD_OPT_STRING, GD_OPT_LIST, GD_OPT_U64 };
+enum gd_opt_kind {
+	GD_OPT_FLAG, GD_OPT_INT, GD_OPT_DOUBLE, GD_OPT_STRING, GD_OPT_LIST, GD_OPT_U64, GD_OPT_WORDS
+};
 
-/* A growing list of the arguments of an option that may be given several times. */
+/*
+ * A growing list of the arguments of an option that may be given several times; one of kind
+ * GD_OPT_WORDS takes all words up to the next option, or up to "--", each time.
+ */
 struct gd_list {
 	int n;
 	const char **v;
@@ -38,6 +43,8 @@ struct gd_opt {
 #define GD_OPT(key, name, arg, t, help)		{ key, name, arg, GD_KIND(t), t, 0, 0, help }
 #define GD_NUM(key, name, arg, t, lo, hi, help) \
 	{ key, name, arg, GD_KIND(t), t, lo, hi, help }
+#define GD_WORDS(key, name, arg, t, help) \
+	{ key, name, arg, _Generic((t), struct gd_list *: GD_OPT_WORDS), t, 0, 0, help }
 #define GD_OPT_END				{ 0, NULL, NULL, GD_OPT_FLAG, NULL, 0, 0, NULL }
 
 struct gd_cmd {

@@ -22,7 +22,7 @@ static int tool(int argc, char **argv)
 	double alpha = 0.2;
 	int cycles = 3;
 	uint64_t seed = 7;
-	struct gd_list map = { 0 };
+	struct gd_list map = { 0 }, words = { 0 };
 	bool keep = false, fail = false, miss = false, gone = false;
 	const char *method = "l1", *none = NULL;
 	const struct gd_opt opts[] = {
@@ -31,6 +31,7 @@ static int tool(int argc, char **argv)
 		GD_OPT('s', "seed", "N", &seed, "seed"),
 		GD_OPT('m', "method", "NAME", &method, "method"),
 		GD_OPT(0, "map", "A=B", &map, "map"),
+		GD_WORDS('w', "words", "FILE...", &words, "words"),
 		GD_OPT(0, "none", "X", &none, "nothing by default"),
 		GD_FLAG('k', "keep", &keep, "keep all"),
 		GD_FLAG(0, "fail", &fail, "fail"),
@@ -47,6 +48,9 @@ static int tool(int argc, char **argv)
 	gd_cli_parse(&cli, &cmd, argc, argv);
 	printf("%g %d %llu %s %d %d %s %s %d\n", alpha, cycles, (unsigned long long)seed, method,
 	       keep, map.n, cli.input, cli.output, cli.threads);
+	for (int i = 0; i < words.n; i++)
+		printf("%s%s", words.v[i], i + 1 < words.n ? " " : "\n");
+	free(words.v);
 	gd_note(&cli.report, "a note of %d words", 4);
 	gd_cli_warn(&cli, "a warning");
 	gd_cli_stat(&cli, "residual", 0.25);
@@ -116,6 +120,22 @@ static void test_values(void **state)
 		   "0.2 1000 255 l1 0 2 - - 1\n");
 	expect_out(run("-j1", "-o", "b", "--", "-k", NULL), "0.2 3 7 l1 0 0 -k b 1\n");
 	expect_out(run("-a", "0", "-m", "wls", "-j1", NULL), "0 3 7 wls 0 0 - - 1\n");
+}
+
+/* A list of words ends at the next option, at "--" or at the end; operands may stand anywhere else. */
+static void test_words(void **state)
+{
+	(void)state;
+	expect_out(run("in", "out", "-j1", "--words", "a", "b", "c", NULL),
+		   "0.2 3 7 l1 0 0 in out 1\na b c\n");
+	expect_out(run("in", "--words", "a", "b", "-j1", "out", NULL),
+		   "0.2 3 7 l1 0 0 in out 1\na b\n");
+	expect_out(run("--words=a", "b", "-", "-w", "c", "-wd", "e", "-j1", "in", NULL),
+		   "0.2 3 7 l1 0 0 in - 1\na b - c d e\n");
+	expect_out(run("-j1", "in", "--words", "a", "b", "--", "-out", NULL),
+		   "0.2 3 7 l1 0 0 in -out 1\na b\n");
+	expect_out(run("in", "-w", "a", "-k", "-j1", "-m", "x", "--words", "b", "--", NULL),
+		   "0.2 3 7 x 1 0 in - 1\na b\n");
 }
 
 static void test_usage_errors_name_the_option(void **state)
@@ -227,7 +247,8 @@ int main(void)
 {
 	setenv("OMP_WAIT_POLICY", "passive", 0); /* or the command line starts this program again */
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_values), cmocka_unit_test(test_usage_errors_name_the_option),
+		cmocka_unit_test(test_values), cmocka_unit_test(test_words),
+		cmocka_unit_test(test_usage_errors_name_the_option),
 		cmocka_unit_test(test_help_tells_the_defaults), cmocka_unit_test(test_how_it_ends),
 		cmocka_unit_test(test_stats),
 	};
