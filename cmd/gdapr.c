@@ -18,9 +18,10 @@ static int settle(struct gd_denoise_conf *conf, const struct options *opt, struc
 	struct gd_apr_conf *apr = &conf->apr;
 
 	*apr = opt->paper ? paper : own;
-	conf->single = opt->paper || opt->single || opt->radius >= 0 || opt->step > 0 ||
-		       opt->order >= 0 || opt->order_min >= 0 || opt->kernel || opt->spikes;
-	if (conf->single && conf->fast)
+	if (opt->paper || opt->single || opt->radius >= 0 || opt->step > 0 || opt->order >= 0 ||
+	    opt->order_min >= 0 || opt->kernel || opt->spikes)
+		conf->method = GD_DENOISE_SINGLE;
+	if (conf->method == GD_DENOISE_SINGLE && conf->fast)
 		return gd_fail(
 			err, GD_EARG,
 			"--fast is for cross-fitting: it does not go with a single regression");

@@ -14,14 +14,19 @@
 #include "apr_paper.h"
 #include "buffers.h"
 
+enum gd_denoise_method {
+	GD_DENOISE_CROSSFIT,	/* several regressions, of either half of the samples */
+	GD_DENOISE_SINGLE	/* one regression on all samples */
+};
+
 struct gd_denoise_conf {
-	bool single; /* one regression on all samples, with the two settings below */
-	struct gd_apr_conf apr;
+	enum gd_denoise_method method;
+	struct gd_apr_conf apr;		/* of the one regression, as are the spikes */
 	enum gd_apr_spike_mode spikes;
 	bool fast;			/* cross-fitted: one model of either half */
 	bool no_filter;			/* features are taken as they are */
 	bool keep;			/* what was used stays in the image, as it was read */
-	const char *features; /* layers, "albedo,N,feature"; "auto": the known ones; "none" */
+	const char *features;		/* layers, "albedo,N,feature"; "auto": those known; "none" */
 	const char *layers;		/* to denoise along with the colour, or NULL */
 };
 #define GD_DENOISE_DEFAULTS ((struct gd_denoise_conf){ \

@@ -232,7 +232,7 @@ static void test_keep_and_drop(void **state)
 	for (int single = 0; single < 2; single++) {
 		struct gd_image im = { 0 }, was = { 0 };
 
-		conf.single = single;
+		conf.method = single ? GD_DENOISE_SINGLE : GD_DENOISE_CROSSFIT;
 		conf.keep = true;
 		frame(&im, "bin", 3);
 		frame(&was, "bin", 3);
