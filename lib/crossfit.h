@@ -28,6 +28,20 @@ struct gd_crossfit_conf {
 };
 
 /*
+ * Another frame of a sequence, before or after the one to denoise. Its planes are the same layers in
+ * the same order, unit and number as those of struct gd_crossfit_in, of the same size, finite, and
+ * changed in place. y, whole, var, feat, feature, count, position: see there. Frames come in any
+ * order.
+ */
+struct gd_crossfit_frame {
+	struct gd_plane y[2][GD_APR_RHS], whole[GD_APR_RHS], var[3];
+	struct gd_plane feat[GD_APR_FEATURES], feature[2][4];
+	struct gd_plane position[3], count[2];
+};
+
+#define GD_CROSSFIT_FRAMES 4
+
+/*
  * Planes of one size, finite.
  * y        ny >= 3 planes of either half: the colour R G B, then any that share its weights
  * self     there are no halves: all samples are in y[0], var is needed, and the pilot made from them
@@ -44,6 +58,12 @@ struct gd_crossfit_conf {
  * feat     nfeat <= GD_CROSSFIT_FEATURES planes common to both halves (G-buffers), filtered where
  *          they were noisy; shifted and scaled in place, and left so
  * feature  of either half, n planes; n = 0: none
+ * count    samples of either half in each pixel, where that differs between pixels, >= 0; v = NULL:
+ *          the same everywhere
+ * position world position (the layer P), which tells what moved where between frames; v = NULL: not
+ *          known, the same pixels of other frames are looked at
+ * frame    nframe <= GD_CROSSFIT_FRAMES other frames of the sequence; all of them have variances,
+ *          counts and positions, or none, as this one
  */
 struct gd_crossfit_in {
 	bool self;
@@ -51,6 +71,9 @@ struct gd_crossfit_in {
 	double share[2];
 	struct gd_plane y[2][GD_APR_RHS], whole[GD_APR_RHS], var[3];
 	struct gd_plane feat[GD_APR_FEATURES], feature[2][4];
+	struct gd_plane count[2], position[3];
+	int nframe;
+	struct gd_crossfit_frame *frame;
 };
 
 /*

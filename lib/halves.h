@@ -6,7 +6,8 @@
  *
  * The order of calls: gd_halves_check(), gd_halves_cut(), gd_halves_scale(); for either half
  * gd_halves_weight() from what explains it, the fits, gd_halves_add() for each; at last
- * gd_halves_spread() and gd_halves_finish(). Planes are of one size; nothing depends on the number of threads.
+ * gd_halves_spread() and gd_halves_finish(). Planes are of one size; nothing depends on the number of
+ * threads.
  */
 #ifndef GD_HALVES_H
 #define GD_HALVES_H
