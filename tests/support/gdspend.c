@@ -1,0 +1,223 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Spends samples that were drawn beforehand: of a buffer with bins, each pixel of the result knows
+ * the first BASE bins and as many more as a sampling map says, and no others.
+ *	gdspend [-e both|mean|either] BINS.exr OUT.exr BASE [MAP.exr|COUNT]
+ * MAP.exr: its channel "sampling", in bins; COUNT: the same for all pixels; neither: none.
+ * The bins beyond BASE know nothing of the map, so that every mean stays unbiased.
+ *
+ * A gradient joins two pixels. It gets as many bins as they have in the mean (a half: rounded up on
+ * black squares of a chessboard, down on white ones), or with -e as many as both have (the fewer),
+ * or as either has.
+ *
+ * Written: means, the variance of the mean from the spread of the bins at hand, half0 and half1 (the
+ * even and the odd bins at hand; which half has more where their number is odd changes as on a
+ * chessboard), the halves again as bin0 and bin1, and samples. G-buffers have no bins: they stay.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "buffers.h"
+#include "exr.h"
+
+enum edges { BOTH, MEAN, EITHER };
+
+struct spend {
+	struct gd_image *in, out;
+	int bins;
+	double spp;		/* samples of a bin */
+	enum edges edges;
+	int *count;		/* bins of each pixel */
+};
+
+static int at(const struct spend *s, int x, int y)
+{
+	int w = s->in->w, h = s->in->h;
+
+	return s->count[(size_t)(y < h ? y : h - 1) * (size_t)w + (size_t)(x < w ? x : w - 1)];
+}
+
+/* Bins of pixel x, y of a layer. */
+static int bins_at(const struct spend *s, const char *layer, int x, int y)
+{
+	int a = at(s, x, y), b = !strcmp(layer, "dx") ? at(s, x + 1, y) :
+				 !strcmp(layer, "dy") ? at(s, x, y + 1) : a;
+
+	if (s->edges == MEAN)
+		return (a + b + (x + y) % 2) / 2;
+	return s->edges == BOTH ? (a < b ? a : b) : a > b ? a : b;
+}
+
+static int add(struct spend *s, const char *part, const char *layer, struct gd_plane p[4],
+	       struct gd_err *err)
+{
+	char name[256];
+
+	snprintf(name, sizeof name, "%s%s%s", part, *part && *layer ? "." : "", layer);
+	return gd_layer_add(&s->out, name, 3, p, err);
+}
+
+static int spend_layer(struct spend *s, const char *layer, struct gd_err *err)
+{
+	struct gd_plane bin[GD_MAX_BINS][4], mean[4], var[4], half[2][4], copy[2][4];
+	char name[256];
+	int rc = add(s, "", layer, mean, err);
+
+	snprintf(name, sizeof name, *layer ? "%s.variance" : "variance%s", layer);
+	if (rc == GD_OK)
+		rc = add(s, "", name, var, err);
+	for (int h = 0; h < 2 && rc == GD_OK; h++) {
+		rc = add(s, h ? "half1" : "half0", layer, half[h], err);
+		if (rc == GD_OK)
+			rc = add(s, h ? "bin1" : "bin0", layer, copy[h], err);
+	}
+	if (rc != GD_OK)
+		return rc;
+	for (int b = 0; b < s->bins; b++) {
+		snprintf(name, sizeof name, *layer ? "bin%d.%s" : "bin%d", b, layer);
+		if (gd_layer_planes(s->in, name, bin[b]) != 3)
+			return gd_fail(err, GD_ESHAPE, "no layer %s", name);
+	}
+	for (int c = 0; c < 3; c++)
+		for (int y = 0; y < s->in->h; y++)
+			for (int x = 0; x < s->in->w; x++) {
+				int n = bins_at(s, layer, x, y), odd = n % 2 && (x + y) % 2;
+				double sum[2] = { 0 }, square = 0, m;
+
+				for (int b = 0; b < n; b++)
+					sum[(b + odd) % 2] += (double)gd_row(bin[b][c], y)[x];
+				m = (sum[0] + sum[1]) / n;
+				for (int b = 0; b < n; b++)
+					square += pow((double)gd_row(bin[b][c], y)[x] - m, 2);
+				gd_row(mean[c], y)[x] = (float)m;
+				gd_row(var[c], y)[x] = (float)(square / n / (n - 1));
+				for (int h = 0; h < 2; h++) {
+					int k = h == odd ? (n + 1) / 2 : n / 2;
+
+					gd_row(half[h][c], y)[x] = (float)(sum[h] / k);
+					gd_row(copy[h][c], y)[x] = (float)(sum[h] / k);
+				}
+			}
+	return GD_OK;
+}
+
+static int read_all(struct gd_image *im, const char *path, const char *only, struct gd_err *err)
+{
+	struct gd_exr *file = NULL;
+	int rc = gd_exr_open(&file, im, path, NULL, err);
+
+	for (int i = 0; i < im->nchan; i++)
+		im->chan[i].want = !only || !strcmp(im->chan[i].name, only) ? GD_READ : GD_DROP;
+	if (rc == GD_OK)
+		rc = gd_exr_load(file, im, err);
+	gd_exr_close(file);
+	return rc;
+}
+
+static int count_bins(struct spend *s, int base, const char *more, struct gd_err *err)
+{
+	struct gd_plane map = { 0 };
+	struct gd_image im = { 0 };
+	char *end = NULL;
+	long even = more ? strtol(more, &end, 10) : 0;
+	bool file = more && (end == more || *end);
+	int rc = file ? read_all(&im, more, "sampling", err) : GD_OK;
+
+	if (rc == GD_OK && file &&
+	    (!gd_image_plane(&im, "sampling", &map) || map.w != s->in->w || map.h != s->in->h))
+		rc = gd_fail(err, GD_ESHAPE, "%s: no channel sampling of this size", more);
+	s->count = calloc((size_t)s->in->w * (size_t)s->in->h, sizeof *s->count);
+	if (rc == GD_OK && !s->count)
+		rc = gd_fail(err, GD_ENOMEM, "out of memory");
+	for (int y = 0; y < s->in->h && rc == GD_OK; y++)
+		for (int x = 0; x < s->in->w && rc == GD_OK; x++) {
+			int n = base + (file ? (int)lround((double)gd_row(map, y)[x]) : (int)even);
+
+			if (n < 2 || n > s->bins)
+				rc = gd_fail(err, GD_ESHAPE, "%d bins wanted at %d,%d of %d", n, x,
+					     y, s->bins);
+			s->count[(size_t)y * (size_t)s->in->w + (size_t)x] = n;
+		}
+	gd_image_free(&im);
+	return rc;
+}
+
+/* G-buffers and their variances, as they are. */
+static int copy_rest(struct spend *s, struct gd_err *err)
+{
+	static const char *const layers[] = { "albedo", "N", "Z", "P", "ao" };
+	int rc = GD_OK;
+
+	for (int i = 0; i < s->in->nchan && rc == GD_OK; i++)
+		for (size_t k = 0; k < sizeof layers / sizeof *layers && rc == GD_OK; k++) {
+			const char *name = s->in->chan[i].name;
+			size_t n = strlen(layers[k]);
+			struct gd_plane to;
+
+			if (strncmp(name, layers[k], n) || (name[n] && name[n] != '.'))
+				continue;
+			rc = gd_image_add(&s->out, name, &to, err);
+			for (int y = 0; y < s->in->h && rc == GD_OK; y++)
+				memcpy(gd_row(to, y),
+				       gd_row(gd_plane_of(s->in->chan[i].v, to.w, to.h), y),
+				       (size_t)to.w * sizeof(float));
+		}
+	return rc;
+}
+
+static int spend(struct spend *s, struct gd_err *err)
+{
+	static const char *const layers[] = { "", "dx", "dy" };
+	struct gd_plane samples;
+	int rc = GD_OK;
+
+	for (int k = 0; k < 3 && rc == GD_OK; k++)
+		if (gd_bins(s->in, layers[k]) == s->bins)
+			rc = spend_layer(s, layers[k], err);
+	if (rc == GD_OK)
+		rc = copy_rest(s, err);
+	if (rc == GD_OK)
+		rc = gd_image_add(&s->out, "samples", &samples, err);
+	for (int y = 0; y < s->in->h && rc == GD_OK; y++)
+		for (int x = 0; x < s->in->w; x++)
+			gd_row(samples, y)[x] = (float)(s->spp * at(s, x, y));
+	return rc == GD_OK ? gd_attr_set_int(&s->out, "gd:bins", 2, err) : rc;
+}
+
+int main(int argc, char **argv)
+{
+	struct gd_image in = { 0 };
+	struct spend s = { .in = &in, .edges = MEAN };
+	struct gd_err err = { 0 };
+	double spp;
+	int rc;
+
+	if (argc > 2 && !strcmp(argv[1], "-e")) {
+		s.edges = argv[2][0] == 'b' ? BOTH : argv[2][0] == 'e' ? EITHER : MEAN;
+		argv += 2;
+		argc -= 2;
+	}
+	if (argc < 4 || argc > 5)
+		return fprintf(stderr, "usage: gdspend [-e both|mean|either] BINS.exr OUT.exr BASE "
+				       "[MAP.exr|COUNT]\n"), 2;
+	rc = read_all(&in, argv[1], NULL, &err);
+	s.bins = gd_bins(&in, "");
+	s.spp = 1;
+	if (rc == GD_OK && gd_attr_number(&in, "gd:samplesPerPixel", &spp))
+		s.spp = spp / s.bins;
+	gd_image_init(&s.out, in.w, in.h);
+	if (rc == GD_OK)
+		rc = count_bins(&s, atoi(argv[3]), argc > 4 ? argv[4] : NULL, &err);
+	if (rc == GD_OK)
+		rc = spend(&s, &err);
+	if (rc == GD_OK)
+		rc = gd_exr_write(&s.out, argv[2], NULL, &err);
+	if (rc != GD_OK)
+		fprintf(stderr, "gdspend: %s\n", err.text);
+	gd_image_free(&in);
+	gd_image_free(&s.out);
+	free(s.count);
+	return rc == GD_OK ? 0 : 2;
+}
