@@ -11,8 +11,9 @@
  * or as either has.
  *
  * Written: means, the variance of the mean from the spread of the bins at hand, half0 and half1 (the
- * even and the odd bins at hand; which half has more where their number is odd changes as on a
- * chessboard), the halves again as bin0 and bin1, and samples. G-buffers have no bins: they stay.
+ * even and the odd bins at hand), the halves again as bin0 and bin1, and samples. A bin is on the same
+ * side everywhere: neighbours share noise in gradient-domain renders, and halves must not.
+ * G-buffers have no bins: they stay.
  */
 #include <math.h>
 #include <stdio.h>
@@ -83,18 +84,18 @@ static int spend_layer(struct spend *s, const char *layer, struct gd_err *err)
 	for (int c = 0; c < 3; c++)
 		for (int y = 0; y < s->in->h; y++)
 			for (int x = 0; x < s->in->w; x++) {
-				int n = bins_at(s, layer, x, y), odd = n % 2 && (x + y) % 2;
+				int n = bins_at(s, layer, x, y);
 				double sum[2] = { 0 }, square = 0, m;
 
 				for (int b = 0; b < n; b++)
-					sum[(b + odd) % 2] += (double)gd_row(bin[b][c], y)[x];
+					sum[b % 2] += (double)gd_row(bin[b][c], y)[x];
 				m = (sum[0] + sum[1]) / n;
 				for (int b = 0; b < n; b++)
 					square += pow((double)gd_row(bin[b][c], y)[x] - m, 2);
 				gd_row(mean[c], y)[x] = (float)m;
 				gd_row(var[c], y)[x] = (float)(square / n / (n - 1));
 				for (int h = 0; h < 2; h++) {
-					int k = h == odd ? (n + 1) / 2 : n / 2;
+					int k = (n + 1 - h) / 2;
 
 					gd_row(half[h][c], y)[x] = (float)(sum[h] / k);
 					gd_row(copy[h][c], y)[x] = (float)(sum[h] / k);
