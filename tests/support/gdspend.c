@@ -2,7 +2,7 @@
 /*
  * Spends samples that were drawn beforehand: of a buffer with bins, each pixel of the result knows
  * the first BASE bins and as many more as a sampling map says, and no others.
- *	gdspend [-e both|mean|either] BINS.exr OUT.exr BASE [MAP.exr|COUNT]
+ *	gdspend [-a] [-e both|mean|either] BINS.exr OUT.exr BASE [MAP.exr|COUNT]
  * MAP.exr: its channel "sampling", in bins; COUNT: the same for all pixels; neither: none.
  * The bins beyond BASE know nothing of the map, so that every mean stays unbiased.
  *
@@ -13,6 +13,7 @@
  * Written: means, the variance of the mean from the spread of the bins at hand, half0 and half1 (the
  * even and the odd bins at hand), the halves again as bin0 and bin1, and samples. A bin is on the same
  * side everywhere: neighbours share noise in gradient-domain renders, and halves must not.
+ * With -a and equal counts everywhere the bins stay apart.
  * G-buffers have no bins: they stay.
  */
 #include <math.h>
@@ -30,6 +31,7 @@ struct spend {
 	int bins;
 	double spp;		/* samples of a bin */
 	enum edges edges;
+	int apart;		/* bins written one by one; 0: the halves again as two */
 	int *count;		/* bins of each pixel */
 };
 
@@ -60,6 +62,17 @@ static int add(struct spend *s, const char *part, const char *layer, struct gd_p
 	return gd_layer_add(&s->out, name, 3, p, err);
 }
 
+static int copy_bin(struct spend *s, const char *name, const struct gd_plane *from, struct gd_err *err)
+{
+	struct gd_plane to[4];
+	int rc = gd_layer_add(&s->out, name, 3, to, err);
+
+	for (int c = 0; c < 3 && rc == GD_OK; c++)
+		for (int y = 0; y < to[c].h; y++)
+			memcpy(gd_row(to[c], y), gd_row(from[c], y), (size_t)to[c].w * sizeof(float));
+	return rc;
+}
+
 static int spend_layer(struct spend *s, const char *layer, struct gd_err *err)
 {
 	struct gd_plane bin[GD_MAX_BINS][4], mean[4], var[4], half[2][4], copy[2][4];
@@ -71,7 +84,7 @@ static int spend_layer(struct spend *s, const char *layer, struct gd_err *err)
 		rc = add(s, "", name, var, err);
 	for (int h = 0; h < 2 && rc == GD_OK; h++) {
 		rc = add(s, h ? "half1" : "half0", layer, half[h], err);
-		if (rc == GD_OK)
+		if (rc == GD_OK && !s->apart)
 			rc = add(s, h ? "bin1" : "bin0", layer, copy[h], err);
 	}
 	if (rc != GD_OK)
@@ -80,6 +93,10 @@ static int spend_layer(struct spend *s, const char *layer, struct gd_err *err)
 		snprintf(name, sizeof name, *layer ? "bin%d.%s" : "bin%d", b, layer);
 		if (gd_layer_planes(s->in, name, bin[b]) != 3)
 			return gd_fail(err, GD_ESHAPE, "no layer %s", name);
+		if (b < s->apart)
+			rc = copy_bin(s, name, bin[b], err);
+		if (rc != GD_OK)
+			return rc;
 	}
 	for (int c = 0; c < 3; c++)
 		for (int y = 0; y < s->in->h; y++)
@@ -98,7 +115,8 @@ static int spend_layer(struct spend *s, const char *layer, struct gd_err *err)
 					int k = (n + 1 - h) / 2;
 
 					gd_row(half[h][c], y)[x] = (float)(sum[h] / k);
-					gd_row(copy[h][c], y)[x] = (float)(sum[h] / k);
+					if (!s->apart)
+						gd_row(copy[h][c], y)[x] = (float)(sum[h] / k);
 				}
 			}
 	return GD_OK;
@@ -184,7 +202,7 @@ static int spend(struct spend *s, struct gd_err *err)
 	for (int y = 0; y < s->in->h && rc == GD_OK; y++)
 		for (int x = 0; x < s->in->w; x++)
 			gd_row(samples, y)[x] = (float)(s->spp * at(s, x, y));
-	return rc == GD_OK ? gd_attr_set_int(&s->out, "gd:bins", 2, err) : rc;
+	return rc == GD_OK ? gd_attr_set_int(&s->out, "gd:bins", s->apart ? s->apart : 2, err) : rc;
 }
 
 int main(int argc, char **argv)
@@ -195,13 +213,18 @@ int main(int argc, char **argv)
 	double spp;
 	int rc;
 
+	if (argc > 1 && !strcmp(argv[1], "-a")) {
+		s.apart = 1;
+		argv++;
+		argc--;
+	}
 	if (argc > 2 && !strcmp(argv[1], "-e")) {
 		s.edges = argv[2][0] == 'b' ? BOTH : argv[2][0] == 'e' ? EITHER : MEAN;
 		argv += 2;
 		argc -= 2;
 	}
 	if (argc < 4 || argc > 5)
-		return fprintf(stderr, "usage: gdspend [-e both|mean|either] BINS.exr OUT.exr BASE "
+		return fprintf(stderr, "usage: gdspend [-a] [-e both|mean|either] BINS.exr OUT.exr BASE "
 				       "[MAP.exr|COUNT]\n"), 2;
 	rc = read_all(&in, argv[1], NULL, &err);
 	s.bins = gd_bins(&in, "");
@@ -211,6 +234,8 @@ int main(int argc, char **argv)
 	gd_image_init(&s.out, in.w, in.h);
 	if (rc == GD_OK)
 		rc = count_bins(&s, atoi(argv[3]), argc > 4 ? argv[4] : NULL, &err);
+	if (s.apart && rc == GD_OK)
+		s.apart = s.count[0];
 	if (rc == GD_OK)
 		rc = spend(&s, &err);
 	if (rc == GD_OK)
