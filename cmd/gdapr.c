@@ -9,6 +9,7 @@ struct options {
 	bool paper, single;
 	int radius, step, order_min, order;
 	const char *kernel, *spikes;
+	struct gd_list neighbours;
 };
 
 /* Settings of a single regression: those of the method, unless given; any that is given asks for one. */
@@ -25,6 +26,13 @@ static int settle(struct gd_denoise_conf *conf, const struct options *opt, struc
 		return gd_fail(
 			err, GD_EARG,
 			"--fast is for cross-fitting: it does not go with a single regression");
+	if (conf->method == GD_DENOISE_SINGLE && opt->neighbours.n)
+		return gd_fail(
+			err, GD_EARG,
+			"--neighbours is for cross-fitting: it does not go with a single regression");
+	if (opt->neighbours.n > GD_CROSSFIT_FRAMES)
+		return gd_fail(err, GD_EARG, "--neighbours: %d files, at most %d",
+			       opt->neighbours.n, GD_CROSSFIT_FRAMES);
 	if (opt->radius >= 0) {
 		apr->radius = opt->radius;
 		apr->step = opt->radius > 1 ? (opt->radius + 1) / 2 : 1;
@@ -59,12 +67,14 @@ static int settle(struct gd_denoise_conf *conf, const struct options *opt, struc
 	return GD_OK;
 }
 
-static void tell(struct gd_cli *cli, const struct gd_denoise_result *result)
+static void tell(struct gd_cli *cli, const struct gd_denoise_conf *conf,
+		 const struct gd_denoise_result *result)
 {
 	if (result->mended)
 		gd_cli_warn(cli, "%zu values that were NaN or Inf were filled in", result->mended);
 	gd_cli_stat_text(cli, "method", result->crossfit ? "crossfit" : "single");
-	gd_cli_stat(cli, "models", result->models);
+	gd_cli_stat(cli, "models", (double)result->models);
+	gd_cli_stat(cli, "frames", conf->nneighbour + 1);
 	gd_cli_stat(cli, "spikes", result->spikes);
 	gd_cli_stat(cli, "mended", (double)result->mended);
 	gd_cli_stat(cli, "filterSeconds", result->filter_seconds);
@@ -72,16 +82,40 @@ static void tell(struct gd_cli *cli, const struct gd_denoise_result *result)
 	gd_cli_stat(cli, "fitSeconds", result->fit_seconds);
 }
 
-static int run(struct gd_cli *cli, struct gd_image *im, const struct gd_denoise_conf *conf,
-	       struct gd_err *err)
+static int load_neighbours(struct gd_cli *cli, struct gd_image *other, const struct gd_image *im,
+			   const struct gd_list *list, const struct gd_denoise_conf *conf,
+			   struct gd_err *err)
+{
+	int rc = GD_OK;
+
+	for (int i = 0; i < list->n && rc == GD_OK; i++) {
+		struct gd_exr *file;
+
+		cli->about = list->v[i];
+		rc = gd_cli_open(cli, &file, &other[i], list->v[i], err);
+		if (rc == GD_OK)
+			rc = gd_denoise_want_neighbour(&other[i], im, conf, err);
+		if (rc == GD_OK)
+			rc = gd_cli_load(cli, file, &other[i], err);
+		else
+			gd_exr_close(file);
+	}
+	if (rc == GD_OK)
+		cli->about = NULL;
+	return rc;
+}
+
+static int run(struct gd_cli *cli, struct gd_image *im, struct gd_denoise_conf *conf,
+	       const struct gd_list *neighbours, struct gd_err *err)
 {
 	struct gd_denoise_result result;
 	struct gd_exr *file;
 	int rc = gd_cli_open(cli, &file, im, cli->input, err);
 
-	if (rc != GD_OK)
-		return rc;
-	rc = gd_denoise_want(im, conf, err);
+	if (rc == GD_OK)
+		rc = gd_denoise_want(im, conf, err);
+	if (rc == GD_OK)
+		rc = load_neighbours(cli, conf->neighbour, im, neighbours, conf, err);
 	if (rc != GD_OK) {
 		gd_exr_close(file);
 		return rc;
@@ -91,7 +125,7 @@ static int run(struct gd_cli *cli, struct gd_image *im, const struct gd_denoise_
 		rc = gd_denoise_run(im, conf, &result, &cli->report, err);
 	if (rc != GD_OK)
 		return rc;
-	tell(cli, &result);
+	tell(cli, conf, &result);
 	return gd_cli_write(cli, im, err);
 }
 
@@ -104,6 +138,8 @@ int main(int argc, char **argv)
 		       "layers to explain the image by, or auto, or none"),
 		GD_OPT('l', "layers", "LIST", &conf.layers,
 		       "layers to denoise along with the colour, alike"),
+		GD_WORDS(0, "neighbours", "FILE...", &opt.neighbours,
+			 "other frames of the sequence, up to four, to denoise with"),
 		GD_FLAG(0, "fast", &conf.fast, "one cross-fitted model in place of several"),
 		GD_FLAG(0, "paper", &opt.paper,
 			"the method as published: one regression, 43x43 windows, all samples"),
@@ -132,14 +168,18 @@ int main(int argc, char **argv)
 				   .max_operands = 2,
 				   .filter = true};
 	struct gd_cli cli = { 0 };
-	struct gd_image im = { 0 };
+	struct gd_image im = { 0 }, neighbour[GD_CROSSFIT_FRAMES] = { { 0 } };
 	struct gd_err err = { 0 };
 	int rc;
 
 	gd_cli_parse(&cli, &cmd, argc, argv);
 	rc = settle(&conf, &opt, &err);
+	conf.neighbour = neighbour;
+	conf.nneighbour = rc == GD_OK ? opt.neighbours.n : 0;
 	if (rc == GD_OK)
-		rc = run(&cli, &im, &conf, &err);
+		rc = run(&cli, &im, &conf, &opt.neighbours, &err);
+	for (int i = 0; i < GD_CROSSFIT_FRAMES; i++)
+		gd_image_free(&neighbour[i]);
 	gd_image_free(&im);
 	return gd_cli_finish(&cli, rc, &err);
 }

@@ -650,7 +650,8 @@ static void release(struct gd_cli *cli)
 static void full_message(const struct gd_cli *cli, int rc, const struct gd_err *err, char *text,
 			 size_t size)
 {
-	const char *name = cli->input && strcmp(cli->input, "-") ? cli->input : "stdin";
+	const char *input = cli->about ? cli->about : cli->input;
+	const char *name = input && strcmp(input, "-") ? input : "stdin";
 	bool prefix = cli->cmd->filter && cli->cmd->max_operands >= 0 &&
 		(rc == GD_ESHAPE || rc == GD_ENUMERIC) && strncmp(err->text, name, strlen(name));
 

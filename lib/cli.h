@@ -66,6 +66,7 @@ struct gd_cli {
 	char **operand;
 	int noperand;
 	const char *input, *output;	/* filters: "-" where none is given */
+	const char *about;		/* another input that an error is about, or NULL */
 	const char *stats, *compression;
 	int threads, part;
 	bool verbose, quiet;
@@ -111,8 +112,8 @@ void gd_cli_warn(struct gd_cli *cli, const char *format, ...) __attribute__((for
 /*
  * Prints the error (if any), checks standard output, writes --stats, frees cli's memory and returns
  * the exit status: 0 done, 1 done but cli->limit_missed, 2 not done (without a word if the reader
- * of our output has gone). A filter's GD_ESHAPE and GD_ENUMERIC texts get the input's name in
- * front.
+ * of our output has gone). A filter's GD_ESHAPE and GD_ENUMERIC texts get in front the name of the
+ * input, or of cli->about.
  */
 int gd_cli_finish(struct gd_cli *cli, int rc, const struct gd_err *err);
 

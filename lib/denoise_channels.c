@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char *const known[] = {"albedo", "N", "Z", "P", "ao", "feature"};
+static const char *const known[] = { "albedo", "N", "Z", "P", "ao", "feature" };
 
 static int split(struct denoise_names *names, const char *list, struct gd_err *err)
 {
@@ -45,9 +45,16 @@ bool gd_denoise_crossfit(const struct denoise_job *job)
 	return job->conf->method == GD_DENOISE_CROSSFIT;
 }
 
-/* A feature whose halves know different noise: cross-fitted rather than taken from all samples. */
+bool gd_denoise_follows(const struct denoise_job *job)
+{
+	return job->conf->sequence ||
+	       (job->conf->nneighbour && gd_layer_find(job->im, "P").n == 3);
+}
+
 bool gd_denoise_crossed(const struct denoise_job *job, const char *feature)
 {
+	if (job->like)
+		return gd_denoise_crossed(job->like, feature);
 	return gd_denoise_crossfit(job) && job->source != NO_HALVES &&
 	       !strcmp(feature, "feature") && has_halves(job->im, feature, 3);
 }
@@ -88,6 +95,9 @@ static int choose_features(struct denoise_job *job, struct gd_err *err)
 /* No layer twice, and none that is a feature, too: either is changed in place. */
 static int check_layers(const struct denoise_job *job, struct gd_err *err)
 {
+	if (job->conf->sequence && job->layers.n)
+		return gd_fail(err, GD_EARG, "layers of a sequence: only the colour can be "
+			       "filtered along time");
 	for (int i = 0; i < job->layers.n; i++) {
 		const char *layer = job->layers.name[i];
 
@@ -145,18 +155,24 @@ static bool layers_have_halves(const struct denoise_job *job)
 	return all;
 }
 
+static int no_colour(const struct gd_image *im, struct gd_err *err)
+{
+	const char *missing = gd_image_find(im, "R") < 0 ? "R" :
+			      gd_image_find(im, "G") < 0 ? "G" : "B";
+
+	return gd_fail(err, GD_ESHAPE, "no channel %s", missing);
+}
+
 int gd_denoise_choose(struct denoise_job *job, struct gd_err *err)
 {
 	const struct gd_image *im = job->im;
 	int rc;
 
-	if (gd_layer_find(im, "").n != 3) {
-		const char *missing = gd_image_find(im, "R") < 0   ? "R"
-				      : gd_image_find(im, "G") < 0 ? "G"
-								   : "B";
-
-		return gd_fail(err, GD_ESHAPE, "no channel %s", missing);
-	}
+	if (gd_layer_find(im, "").n != 3)
+		return no_colour(im, err);
+	if (job->conf->sequence && gd_layer_find(im, "P").n != 3)
+		return gd_fail(err, GD_ESHAPE,
+			       "no layer P: frames of a sequence are joined by world positions");
 	choose_source(job);
 	rc = choose_features(job, err);
 	if (rc == GD_OK && job->conf->layers)
@@ -167,6 +183,50 @@ int gd_denoise_choose(struct denoise_job *job, struct gd_err *err)
 	if (rc == GD_OK)
 		rc = check_layers(job, err);
 	job->layer_halves = rc == GD_OK && layers_have_halves(job);
+	return rc;
+}
+
+/* A layer has as many planes as in the frame to denoise. */
+static int alike(const struct denoise_job *job, const char *layer, struct gd_err *err)
+{
+	const int n = gd_layer_find(job->im, layer).n, want = gd_layer_find(job->like->im, layer).n;
+
+	if (n == want)
+		return GD_OK;
+	return n ? gd_fail(err, GD_ESHAPE, "layer %s has %d channels, expected %d", layer, n, want) :
+		   gd_fail(err, GD_ESHAPE, "no layer %s, which the frame to denoise has", layer);
+}
+
+/* Takes the choice of the frame to denoise: what that has, a neighbour must have, too. */
+int gd_denoise_choose_alike(struct denoise_job *job, const struct denoise_job *like,
+			    struct gd_err *err)
+{
+	char name[256];
+	int rc = GD_OK;
+
+	job->like = like;
+	job->features = like->features;
+	job->layers = like->layers;
+	job->features.text = job->layers.text = NULL;
+	if (gd_layer_find(job->im, "").n != 3)
+		return no_colour(job->im, err);
+	choose_source(job);
+	if (like->source == NO_HALVES)
+		job->source = NO_HALVES;
+	else if (job->source == NO_HALVES)
+		return gd_fail(err, GD_ESHAPE, "no halves and no bins, which the frame to denoise "
+			       "has");
+	for (int i = 0; i < job->features.n && rc == GD_OK; i++)
+		for (int h = 0; h < 2 && rc == GD_OK; h++)
+			rc = alike(job, gd_denoise_crossed(job, job->features.name[i]) ?
+				   gd_denoise_part(name, "half", h, job->features.name[i]) :
+				   job->features.name[i], err);
+	for (int i = 0; i < job->layers.n && rc == GD_OK; i++)
+		rc = alike(job, job->layers.name[i], err);
+	job->layer_halves = like->layer_halves;
+	if (rc == GD_OK && job->layer_halves && !layers_have_halves(job))
+		rc = gd_fail(err, GD_ESHAPE, "layers without halves or bins, which those of the "
+			     "frame to denoise have");
 	return rc;
 }
 
@@ -202,7 +262,7 @@ static void mark(struct denoise_job *job)
 	struct gd_image *im = job->im;
 	bool variance;
 
-	if (!job->conf->keep)
+	if (!job->keep && !job->like)
 		drop_used(im);
 	gd_layer_want(im, "", GD_READ);
 	variance = gd_layer_want_variance(im, "", GD_READ) == 3;
@@ -219,6 +279,8 @@ static void mark(struct denoise_job *job)
 			gd_layer_want_variance(im, name, GD_READ);
 		}
 	}
+	if (gd_denoise_follows(job))
+		gd_layer_want(im, "P", GD_READ);
 	for (int i = 0; i < job->layers.n; i++) {
 		gd_layer_want(im, job->layers.name[i], GD_READ);
 		if (job->layer_halves && gd_denoise_crossfit(job))
@@ -237,11 +299,34 @@ void gd_denoise_free(struct denoise_job *job)
 
 int gd_denoise_want(struct gd_image *im, const struct gd_denoise_conf *conf, struct gd_err *err)
 {
-	struct denoise_job job = {.im = im, .conf = conf};
+	struct denoise_job job = { .im = im, .conf = conf, .keep = conf->keep };
 	int rc = gd_denoise_choose(&job, err);
 
 	if (rc == GD_OK)
 		mark(&job);
+	gd_denoise_free(&job);
+	return rc;
+}
+
+/* Only what is used is read of a neighbour. */
+int gd_denoise_want_neighbour(struct gd_image *other, const struct gd_image *im,
+			      const struct gd_denoise_conf *conf, struct gd_err *err)
+{
+	struct gd_image head = *im;
+	struct denoise_job job = { .im = &head, .conf = conf };
+	struct denoise_job neighbour = { .im = other, .conf = conf };
+	int rc = gd_denoise_choose(&job, err);
+
+	if (rc == GD_OK && (other->w != im->w || other->h != im->h))
+		rc = gd_fail(err, GD_ESHAPE, "%d x %d pixels, expected %d x %d", other->w, other->h,
+			     im->w, im->h);
+	if (rc == GD_OK)
+		rc = gd_denoise_choose_alike(&neighbour, &job, err);
+	for (int i = 0; i < other->nchan; i++)
+		other->chan[i].want = GD_DROP;
+	if (rc == GD_OK)
+		mark(&neighbour);
+	gd_denoise_free(&neighbour);
 	gd_denoise_free(&job);
 	return rc;
 }
@@ -270,6 +355,8 @@ void gd_denoise_release_used(struct denoise_job *job)
 	char name[256];
 
 	gd_denoise_release_variance(job->im, "");
+	if (gd_denoise_follows(job))
+		gd_denoise_release(job->im, "P");
 	for (int i = 0; i < job->features.n; i++) {
 		gd_denoise_release_variance(job->im, job->features.name[i]);
 		gd_denoise_release(job->im, job->features.name[i]);

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * One run of gd_denoise_run(), in parts: which channels (denoise_channels.c), their planes, mended
- * and as halves (denoise_load.c), and the methods (denoise.c).
+ * and as halves (denoise_load.c), the methods (denoise.c), and
+ * sequences (denoise_frames.c, denoise_time.c).
  */
 #ifndef GD_DENOISE_JOB_H
 #define GD_DENOISE_JOB_H
@@ -24,11 +25,14 @@ enum denoise_source { NO_HALVES, HALVES, BINS };
 struct denoise_job {
 	struct gd_image *im;
 	const struct gd_denoise_conf *conf;
+	const struct denoise_job *like;	/* of a neighbour: the frame to denoise */
+	bool keep;			/* planes that are used stay as they were read */
 	struct denoise_names features, layers;
 	enum denoise_source source;
 	int bins;		/* of the colour */
 	double share[2];	/* of the samples, in either half */
 	bool layer_halves;	/* all layers come in halves (or bins), as the colour does */
+	struct gd_plane position[3];	/* of a sequence, or v = NULL */
 	int ncopy;
 	float **copy;		/* of planes that stay as they were read */
 };
@@ -37,6 +41,11 @@ struct denoise_job {
 
 /* Features, layers, halves: what there is of what was asked for. */
 int gd_denoise_choose(struct denoise_job *job, struct gd_err *err);
+/* The same in a neighbour of a frame of which that is known, and whose job outlives it. */
+int gd_denoise_choose_alike(struct denoise_job *job, const struct denoise_job *like,
+			    struct gd_err *err);
+/* Whether world positions are read. */
+bool gd_denoise_follows(const struct denoise_job *job);
 /* Whether halves, if there are any, are used as such. */
 bool gd_denoise_crossfit(const struct denoise_job *job);
 /* A feature whose halves know different noise: cross-fitted rather than taken from all samples. */
@@ -68,5 +77,27 @@ int gd_denoise_frame(struct denoise_job *job, struct gd_apr_frame *f, struct gd_
 int gd_denoise_halves(struct denoise_job *job, struct gd_apr_frame *f, struct gd_crossfit_in *in,
 		      float *made[3], size_t *mended, const struct gd_report *report,
 		      struct gd_err *err);
+
+/* The world positions of a sequence, mended, into job->position. */
+int gd_denoise_position(struct denoise_job *job, size_t *mended, struct gd_err *err);
+
+/* ---- denoise_frames.c ---- */
+
+/*
+ * Mends, filters and fills in the neighbours of a frame; in is that frame's, after
+ * gd_denoise_halves(), and points to them until they are freed. gd_denoise_frames_free() takes NULL.
+ */
+struct denoise_frames;
+int gd_denoise_frames(struct denoise_frames **frames, struct denoise_job *job,
+		      struct gd_crossfit_in *in, size_t *mended, const struct gd_report *report,
+		      struct gd_err *err);
+void gd_denoise_frames_free(struct denoise_frames *frames);
+
+/* ---- denoise_time.c ---- */
+
+/* Filters the denoised colour and its error along time, in place, and adds state.* to the image. */
+int gd_denoise_time(struct denoise_job *job, const struct gd_plane *colour,
+		    const struct gd_plane *mse, struct gd_denoise_result *result,
+		    const struct gd_report *report, struct gd_err *err);
 
 #endif

@@ -7,6 +7,7 @@
 
 #include "apr_prep.h"
 
+/* Features and their variances, both halves of what is denoised; colour variances, positions. */
 #define COPIES (2 * GD_APR_FEATURES + 2 * GD_APR_RHS + 16)
 
 int gd_denoise_new_planes(struct gd_plane *p, int n, struct gd_plane like, struct gd_err *err)
@@ -29,6 +30,19 @@ void gd_denoise_copy_planes(struct gd_plane *to, const struct gd_plane *from, in
 			       (size_t)to[c].w * sizeof(float));
 }
 
+/* A copy of a plane, kept as long as the job is, takes its place. */
+static int copy(struct denoise_job *job, struct gd_plane *p, struct gd_err *err)
+{
+	struct gd_plane from = *p;
+	int rc = gd_denoise_new_planes(p, 1, from, err);
+
+	if (rc == GD_OK) {
+		gd_denoise_copy_planes(p, &from, 1);
+		job->copy[job->ncopy++] = p->v;
+	}
+	return rc;
+}
+
 /*
  * Planes that are going to be mended, filtered or scaled in place: copies of them where the
  * image's are to stay.
@@ -37,15 +51,8 @@ static int own(struct denoise_job *job, struct gd_plane *p, int n, struct gd_err
 {
 	int rc = GD_OK;
 
-	for (int c = 0; c < n && job->conf->keep && rc == GD_OK; c++) {
-		struct gd_plane from = p[c];
-
-		rc = gd_denoise_new_planes(p + c, 1, from, err);
-		if (rc == GD_OK) {
-			gd_denoise_copy_planes(p + c, &from, 1);
-			job->copy[job->ncopy++] = p[c].v;
-		}
-	}
+	for (int c = 0; c < n && job->keep && rc == GD_OK; c++)
+		rc = copy(job, &p[c], err);
 	return rc;
 }
 
@@ -56,7 +63,7 @@ static int fill_features(struct denoise_job *job, struct gd_apr_frame *f, struct
 
 	for (int i = 0; i < job->features.n && rc == GD_OK; i++) {
 		const char *name = job->features.name[i];
-		struct gd_plane feat[GD_LAYER_PLANES], var[GD_LAYER_PLANES] = {0};
+		struct gd_plane feat[GD_LAYER_PLANES], var[GD_LAYER_PLANES] = { 0 };
 		int n = gd_layer_find(job->im, name).n;
 
 		if (gd_denoise_crossed(job, name))
@@ -132,7 +139,7 @@ static void add_bins(struct denoise_job *job, const char *layer, struct gd_plane
 
 		for (int c = 0; c < n; c++)
 			add_to_mean(half[b % 2][c], bin[c], b / 2 + 1);
-		if (!job->conf->keep)
+		if (!job->keep)
 			gd_denoise_release(job->im, name);
 	}
 }
@@ -142,7 +149,7 @@ static int half_planes(struct denoise_job *job, const char *layer, struct gd_pla
 		       struct gd_plane *b, int *n, struct gd_err *err)
 {
 	const char *part = job->source == BINS ? "bin" : "half";
-	struct gd_plane *const half[2] = {a, b};
+	struct gd_plane *const half[2] = { a, b };
 	char name[256];
 	int rc = GD_OK;
 
@@ -177,9 +184,9 @@ static int fill_halves(struct denoise_job *job, struct gd_crossfit_in *in, size_
 			rc = own(job, in->feature[h], in->nfeature, err);
 		}
 		for (int c = 0; c < in->ny && rc == GD_OK; c++)
-			rc = gd_apr_clean(in->y[h][c], (struct gd_plane){0}, mended, err);
+			rc = gd_apr_clean(in->y[h][c], (struct gd_plane){ 0 }, mended, err);
 		for (int c = 0; c < in->nfeature && rc == GD_OK; c++)
-			rc = gd_apr_clean(in->feature[h][c], (struct gd_plane){0}, mended, err);
+			rc = gd_apr_clean(in->feature[h][c], (struct gd_plane){ 0 }, mended, err);
 	}
 	return rc;
 }
@@ -195,7 +202,7 @@ int gd_denoise_halves(struct denoise_job *job, struct gd_apr_frame *f, struct gd
 
 	if (rc == GD_OK)
 		rc = gd_apr_frame_filter(f, report, err);
-	for (int i = 0; i < job->features.n && !job->conf->keep; i++)
+	for (int i = 0; i < job->features.n && !job->keep; i++)
 		gd_denoise_release_variance(job->im, job->features.name[i]);
 	memset(f->feat_var, 0, sizeof f->feat_var);
 	in->self = job->source == NO_HALVES;
@@ -213,5 +220,19 @@ int gd_denoise_halves(struct denoise_job *job, struct gd_apr_frame *f, struct gd
 	memcpy(in->feat, f->feat, sizeof in->feat);
 	memcpy(in->var, f->var, sizeof in->var);
 	memcpy(in->share, job->share, sizeof in->share);
+	return rc;
+}
+
+int gd_denoise_position(struct denoise_job *job, size_t *mended, struct gd_err *err)
+{
+	struct gd_plane p[GD_LAYER_PLANES];
+	int n = gd_layer_planes(job->im, "P", p), rc = GD_OK;
+
+	for (int c = 0; c < n && rc == GD_OK; c++) {
+		rc = copy(job, &p[c], err);
+		if (rc == GD_OK)
+			rc = gd_apr_clean(p[c], (struct gd_plane){ 0 }, mended, err);
+		job->position[c] = p[c];
+	}
 	return rc;
 }
