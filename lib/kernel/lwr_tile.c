@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The centres of one tile: collected into batches, fitted, predicted. */
+#include "../lwr_impl.h"
+#include "kernel/lwr_batch.h"
+
+#define LANES GD_LWR_LANES
+typedef gd_lwr_vec vec;
+
+/* Lays the arrays of a batch out in `work`, or with work = NULL only counts; returns doubles. */
+static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, double *work)
+{
+	const size_t np = (size_t)p->p, nc = (size_t)p->nc, step = (size_t)(p->q - p->p);
+	const size_t pitch = (size_t)gd_lwr_pitch(p->q), tri = np * (np + 1) / 2;
+	const size_t others = (size_t)(p->ny - p->nc), ring = p->radius > 1 ? 8 * (size_t)p->radius : 9;
+	const size_t sums = (size_t)(p->nc + p->nvar + p->nfv);
+	const size_t sums_pitch = (sums + LANES - 1) / LANES * LANES;
+	size_t n = 0;
+
+#define TAKE(to, count) \
+	do { \
+		to = work ? (void *)(work + n) : NULL; \
+		n += count; \
+	} while (0)
+	TAKE(t->z, (ring > 9 ? ring : 9) * pitch);
+	for (int l = 0; l < LANES; l++) {
+		TAKE(t->m[l], np * pitch);
+		TAKE(t->sums[l], sums_pitch);
+		TAKE(t->ref[l], pitch);
+	}
+	TAKE(t->first, 9 * (size_t)p->q * LANES);
+	TAKE(t->ra, tri * LANES);
+	TAKE(t->rc, np * step * LANES);
+	TAKE(t->rs, sums * LANES);
+	TAKE(t->a, tri * LANES);
+	TAKE(t->c, np * step * LANES);
+	TAKE(t->s, sums * LANES);
+	TAKE(t->l, tri * LANES);
+	TAKE(t->inv, np * LANES);
+	TAKE(t->b, np * nc * LANES);
+	TAKE(t->acc, nc * LANES);
+	TAKE(t->xi, nc * LANES);
+	TAKE(t->scale, nc * LANES);
+	TAKE(t->best, np * nc * LANES);
+	if (others > 0) {
+		TAKE(t->best_l, tri * LANES);
+		TAKE(t->best_inv, np * LANES);
+		TAKE(t->other, np * others * LANES);
+		TAKE(t->other_b, np * others * LANES);
+	}
+	TAKE(t->model, ((size_t)p->ny * np + nc + LANES) / LANES * LANES);
+#undef TAKE
+	return (n + 7) / 8 * 8;
+}
+
+/*
+ * What a prediction counts, 0 .. 1: the error estimate, relative to the brightness, is not known
+ * better than to a thousandth.
+ */
+static double say(const struct gd_lwr_plan *p, double error)
+{
+	const double floor = 1e-3 * p->nc;
+
+	return p->by_error ? floor / (floor + (error > 0 ? error : 0)) : 1;
+}
+
+static void predict_batch(const struct gd_lwr_plan *p, struct gd_lwr_batch *t,
+			  struct gd_lwr_count *count)
+{
+	const int others = p->ny - p->nc;
+
+	for (int l = 0; l < t->n; l++) {
+		double *b = t->model, *xi = b + p->ny * p->p;
+		struct gd_lwr_model m = {
+			.x = t->x[l], .y = t->y[l], .radius = t->radius[l],
+			.features = t->features[l], .weight = say(p, t->least[l]),
+			.ref = t->ref[l], .b = b, .xi = xi,
+		};
+
+		for (int c = 0; c < p->ny; c++)
+			for (int j = 0; j < p->p; j++)
+				b[c * p->p + j] = c < p->nc ? t->best[j * p->nc + c][l] :
+						t->other_b[j * others + c - p->nc][l];
+		for (int c = 0; c < p->nc; c++)
+			xi[c] = t->xi[c][l];
+		gd_lwr_predict(p, &m);
+		count->models++;
+		count->radii += m.radius;
+	}
+}
+
+static void flush(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, struct gd_lwr_count *count)
+{
+	if (t->n == 0)
+		return;
+	gd_lwr_fit_batch(p, t);
+	if (p->ny > p->nc)
+		gd_lwr_fit_others(p, t);
+	predict_batch(p, t, count);
+	t->n = 0;
+}
+
+static size_t size(const struct gd_lwr_plan *p)
+{
+	struct gd_lwr_batch t;
+
+	return lay_out(p, &t, NULL);
+}
+
+static void tile(const struct gd_lwr_plan *p, int x0, int y0, int x1, int y1, double *work,
+		 struct gd_lwr_count *count)
+{
+	struct gd_lwr_batch t = { 0 };
+
+	lay_out(p, &t, work);
+	for (int j = 0; j < p->nrow; j++) {
+		int y = p->cy[j];
+
+		if (y < y0 || y >= y1)
+			continue;
+		for (int i = 0; i < p->nx; i++) {
+			int x = p->cx[i];
+
+			if (x < x0 || x >= x1 || !p->mark[(size_t)y * (size_t)p->w + (size_t)x])
+				continue;
+			t.x[t.n] = x;
+			t.y[t.n] = y;
+			if (++t.n == LANES)
+				flush(p, &t, count);
+		}
+	}
+	flush(p, &t, count);
+}
+
+const struct gd_lwr_kernels GD_KERNEL(gd_lwr_kernels) = { size, tile };
