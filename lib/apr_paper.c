@@ -71,7 +71,7 @@ int gd_apr_frame_mend(struct gd_apr_frame *f, float *made[3], size_t *mended,
 static int filter_layer(struct gd_apr_frame *f, int a, int n, struct gd_plane *spare,
 			const struct gd_report *report, struct gd_err *err)
 {
-	struct gd_nlm_conf conf = { .patch = 3, .window = 5, .k = 1, .eps = 1e-4 };
+	struct gd_nlm_conf conf = GD_NLM_PREFILTER;
 	struct gd_nlm_job job = { n, n, f->feat + a, f->feat_var + a, f->feat + a, f->feat_var + a,
 				  spare, spare + n };
 	int rc = gd_nlm_run(&job, &conf, report, err);

@@ -17,8 +17,11 @@
 
 #define TILE_W 128
 #define TILE_H 32
+#define MAX_PATCH 16
+#define MAX_WINDOW 32
 #define BATCH 256	/* tiles between two reports of progress */
 #define BUCKETS 65536
+#define MAX_COUNTS 16	/* more threads would rather wait for the adding up */
 
 /* How a plane goes into a tile: less an offset, multiplied by the two powers of two, then cut. */
 struct scaling {
@@ -32,6 +35,8 @@ struct run {
 	int w, h, across, down;		/* pixels; tiles */
 	struct scaling guide[GD_NLM_PLANES], guide_var[GD_NLM_PLANES];
 	float noise[GD_NLM_PLANES];	/* e / k^2 of the scaled guides */
+	float negligible[GD_NLM_PLANES];	/* variance of a scaled guide, or -1 */
+	int reach[2 * MAX_WINDOW + 1];	/* the largest |dx| for dy = -window, -window + 1 ... */
 	size_t stride;			/* floats per row of a tile with what is around it */
 };
 
@@ -63,54 +68,107 @@ static uint32_t bucket_of(const uint32_t *count, uint64_t *rank)
 	return b;
 }
 
+/* Counts of a thread: by the upper halves of keys, and by the lower ones below two of these. */
+struct counts {
+	uint32_t upper[BUCKETS], lower[2][BUCKETS];
+};
+
+/* Work space to judge a plane by: counts of each thread, sums of each row. */
+struct judge {
+	int threads;
+	struct counts *count;
+	double (*row)[3];
+};
+
+static void count_upper(struct gd_plane p, float skip, const struct judge *j)
+{
+#pragma omp parallel num_threads(j->threads)
+	{
+		uint32_t *count = j->count[omp_get_thread_num()].upper;
+
+		memset(count, 0, BUCKETS * sizeof *count);
+#pragma omp for schedule(static)
+		for (int y = 0; y < p.h; y++) {
+			const float *row = gd_row(p, y);
+
+			for (int x = 0; x < p.w; x++)
+				if (isfinite(row[x]) && row[x] != skip)
+					count[key_of(row[x]) >> 16]++;
+		}
+	}
+}
+
+static void count_lower(struct gd_plane p, float skip, const uint32_t upper[2],
+			const struct judge *j)
+{
+#pragma omp parallel num_threads(j->threads)
+	{
+		uint32_t(*count)[BUCKETS] = j->count[omp_get_thread_num()].lower;
+
+		memset(count, 0, 2 * sizeof *count);
+#pragma omp for schedule(static)
+		for (int y = 0; y < p.h; y++) {
+			const float *row = gd_row(p, y);
+
+			for (int x = 0; x < p.w; x++) {
+				uint32_t key = key_of(row[x]);
+
+				for (int i = 0; i < 2; i++)
+					if (key >> 16 == upper[i] && row[x] != skip)
+						count[i][key & 0xffff]++;
+			}
+		}
+	}
+}
+
+/* Adds the counts of the other threads to those of the first, from member at on; their number. */
+static uint64_t gather(const struct judge *j, size_t at)
+{
+	uint32_t *sum = (uint32_t *)j->count + at;
+	uint64_t n = 0;
+
+	for (int i = 0; i < BUCKETS; i++) {
+		for (int t = 1; t < j->threads; t++)
+			sum[i] += ((uint32_t *)(j->count + t) + at)[i];
+		n += sum[i];
+	}
+	return n;
+}
+
 /*
  * The values of p whose ranks are at 1 % and 99 % of all finite ones other than skip (NaN: none),
  * exactly, by counting twice 16 bits of the keys. Returns how many there are; 0: none.
  */
-static uint64_t percentiles(struct gd_plane p, float skip, uint32_t *count, float edge[2])
+static uint64_t percentiles(struct gd_plane p, float skip, const struct judge *j, float edge[2])
 {
-	uint32_t *low[2] = { count + BUCKETS, count + 2 * BUCKETS }, high[2];
-	uint64_t rank[2], n = 0;
+	uint64_t rank[2], n;
+	uint32_t upper[2];
 
-	memset(count, 0, 3 * BUCKETS * sizeof *count);
-	for (int y = 0; y < p.h; y++) {
-		const float *row = gd_row(p, y);
-
-		for (int x = 0; x < p.w; x++)
-			if (isfinite(row[x]) && row[x] != skip) {
-				count[key_of(row[x]) >> 16]++;
-				n++;
-			}
-	}
+	count_upper(p, skip, j);
+	n = gather(j, 0);
 	if (!n)
 		return 0;
 	rank[1] = n > 2 ? (uint64_t)(0.99 * (double)(n - 1)) : n - 1;
 	rank[0] = n - 1 - rank[1];
 	for (int i = 0; i < 2; i++)
-		high[i] = bucket_of(count, &rank[i]);
-	for (int y = 0; y < p.h; y++) {
-		const float *row = gd_row(p, y);
-
-		for (int x = 0; x < p.w; x++) {
-			uint32_t key = key_of(row[x]);
-
-			for (int i = 0; i < 2; i++)
-				if (key >> 16 == high[i] && row[x] != skip)
-					low[i][key & 0xffff]++;
-		}
+		upper[i] = bucket_of(j->count->upper, &rank[i]);
+	count_lower(p, skip, upper, j);
+	for (int i = 0; i < 2; i++) {
+		gather(j, (size_t)(i + 1) * BUCKETS);
+		edge[i] = float_of(upper[i] << 16 | bucket_of(j->count->lower[i], &rank[i]));
 	}
-	for (int i = 0; i < 2; i++)
-		edge[i] = float_of(high[i] << 16 | bucket_of(low[i], &rank[i]));
 	return n;
 }
 
 /* Mean of the finite values of p, each first cut to lo .. hi; their variance in *var. */
-static double moments(struct gd_plane p, double lo, double hi, double *var)
+static double moments(struct gd_plane p, double lo, double hi, const struct judge *j, double *var)
 {
 	double sum = 0.0, square = 0.0, n = 0.0, middle = 0.5 * (lo + hi);
 
+#pragma omp parallel for schedule(static) num_threads(j->threads)
 	for (int y = 0; y < p.h; y++) {
 		const float *row = gd_row(p, y);
+		double s = 0.0, q = 0.0, k = 0.0;
 
 		for (int x = 0; x < p.w; x++) {
 			double d = row[x];
@@ -118,10 +176,18 @@ static double moments(struct gd_plane p, double lo, double hi, double *var)
 			if (!isfinite(row[x]))
 				continue;
 			d = (d < lo ? lo : d > hi ? hi : d) - middle;
-			sum += d;
-			square += d * d;
-			n += 1.0;
+			s += d;
+			q += d * d;
+			k += 1.0;
 		}
+		j->row[y][0] = s;
+		j->row[y][1] = q;
+		j->row[y][2] = k;
+	}
+	for (int y = 0; y < p.h; y++) {
+		sum += j->row[y][0];
+		square += j->row[y][1];
+		n += j->row[y][2];
 	}
 	if (n > 0.0) {
 		sum /= n;
@@ -136,18 +202,18 @@ static double moments(struct gd_plane p, double lo, double hi, double *var)
  * between those of the rest; where there is no rest, the mean of the noise variance. *middle lies
  * between the percentiles.
  */
-static double spread(struct gd_plane p, struct gd_plane noise, uint32_t *count, float *middle)
+static double spread(struct gd_plane p, struct gd_plane noise, const struct judge *j, float *middle)
 {
 	float edge[2] = { 0.0f, 0.0f };
 	double var = 0.0;
 
-	if (percentiles(p, NAN, count, edge) && edge[0] == edge[1])
-		percentiles(p, edge[0], count, edge);
+	if (percentiles(p, NAN, j, edge) && edge[0] == edge[1])
+		percentiles(p, edge[0], j, edge);
 	*middle = 0.5f * edge[0] + 0.5f * edge[1];
 	if (edge[0] < edge[1])
-		moments(p, edge[0], edge[1], &var);
+		moments(p, edge[0], edge[1], j, &var);
 	if (var <= 0.0 && noise.v)
-		return moments(noise, 0.0, FLT_MAX, &var);
+		return moments(noise, 0.0, FLT_MAX, j, &var);
 	return var;
 }
 
@@ -157,35 +223,35 @@ static struct scaling scaling_of(float offset, int e, float lo, float hi)
 	return (struct scaling){ offset, ldexpf(1.0f, e / 2), ldexpf(1.0f, e - e / 2), lo, hi };
 }
 
-static void scale_guide(struct run *r, int c, uint32_t *count)
+static void scale_guide(struct run *r, int c, const struct judge *j)
 {
 	float middle;
-	double var = spread(r->job->guide[c], r->job->guide_var[c], count, &middle);
+	double var = spread(r->job->guide[c], r->job->guide_var[c], j, &middle);
 	int e = var > 0.0 ? -(int)lrint(0.5 * log2(var)) : 0;
+	double unit = var > 0.0 ? ldexp(var, 2 * e) : 1.0;
 
 	r->guide[c] = scaling_of(middle, e, -GD_NLM_LIMIT, GD_NLM_LIMIT);
 	r->guide_var[c] = scaling_of(0.0f, 2 * e, 0.0f, GD_NLM_LIMIT * GD_NLM_LIMIT);
-	r->noise[c] = (float)(r->conf->eps / (r->conf->k * r->conf->k) *
-			      (var > 0.0 ? ldexp(var, 2 * e) : 1.0));
+	r->negligible[c] = r->conf->negligible > 0.0 ? (float)(r->conf->negligible * unit) : -1.0f;
+	r->noise[c] = (float)(r->conf->eps / (r->conf->k * r->conf->k) * unit);
 	r->noise[c] = r->noise[c] > GD_NLM_NOISE ? r->noise[c] : GD_NLM_NOISE;
 }
 
 static int scale_guides(struct run *r, struct gd_err *err)
 {
-	const int n = r->job->nguide;
-	int lost = 0;
+	struct judge j = { .threads = omp_get_max_threads() };
+	int rc = GD_OK;
 
-#pragma omp parallel for schedule(dynamic) reduction(| : lost)
-	for (int c = 0; c < n; c++) {
-		uint32_t *count = gd_alloc(3 * BUCKETS, sizeof *count);
-
-		if (count)
-			scale_guide(r, c, count);
-		else
-			lost |= 1;
-		free(count);
-	}
-	return lost ? gd_fail(err, GD_ENOMEM, "non-local means: out of memory") : GD_OK;
+	j.threads = j.threads < MAX_COUNTS ? j.threads : MAX_COUNTS;
+	j.count = gd_alloc((size_t)j.threads, sizeof *j.count);
+	j.row = gd_alloc((size_t)r->h, sizeof *j.row);
+	if (!j.count || !j.row)
+		rc = gd_fail(err, GD_ENOMEM, "non-local means: out of memory");
+	for (int c = 0; c < r->job->nguide && rc == GD_OK; c++)
+		scale_guide(r, c, &j);
+	free(j.row);
+	free(j.count);
+	return rc;
 }
 
 /* The median of the finite values around a pixel (of two: their mean), 0 if there are none. */
@@ -332,7 +398,7 @@ static size_t work_rows(const struct run *r)
 	const size_t inputs = (size_t)r->job->n * (r->job->out_var ? 2 : 1);
 
 	return 2 * (size_t)r->job->nguide * (TILE_H + 2 * (f + reach)) +
-	       inputs * (2 * TILE_H + 2 * reach) + TILE_H + 1 + GD_NLM_GROUP * (2 * f + 3);
+	       inputs * (2 * TILE_H + 2 * reach) + 2 * TILE_H + 1 + GD_NLM_GROUP * (2 * f + 3);
 }
 
 /* The next rows of the work space; the pointer is that of the first pixel below the rows above. */
@@ -367,6 +433,7 @@ static void lay_out(const struct run *r, struct gd_nlm_tile *t, float *work)
 		t->sum_var[c] = rows_of(r, &work, TILE_H, 0);
 	}
 	t->sum_weight = rows_of(r, &work, TILE_H, 0);
+	t->noisy = rows_of(r, &work, TILE_H, 0);
 	t->dist = rows_of(r, &work, 1, 0);
 	t->ring = rows_of(r, &work, GD_NLM_GROUP * (2 * f + 1), 0);
 	t->weight = rows_of(r, &work, GD_NLM_GROUP, 0);
@@ -388,7 +455,8 @@ static void filter_tile(const struct run *r, struct gd_nlm_tile *t, int index)
 		load_guide(r, t, c);
 	for (int c = 0; c < t->n; c++)
 		e[c] = load_input(r, t, c);
-	r->kernel->sums(t);
+	if (r->kernel->mark(t, r->negligible))
+		r->kernel->sums(t);
 	for (int c = 0; c < t->n; c++)
 		for (int y = 0; y < t->h; y++) {
 			float scale = ldexpf(1.0f, -e[c]);
@@ -404,6 +472,7 @@ static struct gd_nlm_tile tile_of(const struct run *r)
 {
 	struct gd_nlm_tile t = { .patch = r->conf->patch, .window = r->conf->window,
 				 .nguide = r->job->nguide, .n = r->job->n, .stride = r->stride,
+				 .reach = r->reach + r->conf->window,
 				 .scale = (float)(1.0 / (r->conf->k * r->conf->k)),
 				 .far = (float)(GD_NLM_FAR * r->conf->k * r->conf->k) };
 
@@ -427,7 +496,10 @@ static int filter(const struct run *r, const struct gd_report *report, struct gd
 #pragma omp parallel num_threads(threads)
 		{
 			struct gd_nlm_tile t = tile_of(r);
+			uint32_t chunks[2 * TILE_H + 2 * MAX_PATCH];
 
+			t.active = chunks;
+			t.needed = chunks + TILE_H + t.patch;
 			lay_out(r, &t, work + need * (size_t)omp_get_thread_num());
 #pragma omp for schedule(dynamic)
 			for (int i = first; i < end; i++)
@@ -461,14 +533,18 @@ static int check(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf, s
 		return gd_fail(err, GD_EARG,
 			       "non-local means: %d guides and %d inputs, expected 1 to %d",
 			       job->nguide, job->n, GD_NLM_PLANES);
-	if (conf->patch < 0 || conf->patch > 16 || conf->window < 0 || conf->window > 32)
+	if (conf->patch < 0 || conf->patch > MAX_PATCH || conf->window < 0 ||
+	    conf->window > MAX_WINDOW)
 		return gd_fail(err, GD_EARG,
-			       "non-local means: patch radius %d (0 to 16), window %d (0 to 32)",
-			       conf->patch, conf->window);
+			       "non-local means: patch radius %d (0 to %d), window %d (0 to %d)",
+			       conf->patch, MAX_PATCH, conf->window, MAX_WINDOW);
 	if (!(conf->k >= 0.01 && conf->k <= 100.0) || !(conf->eps >= 1e-12 && conf->eps <= 1.0))
 		return gd_fail(err, GD_EARG,
 			       "non-local means: k %g (0.01 to 100), eps %g (1e-12 to 1)", conf->k,
 			       conf->eps);
+	if (!(conf->negligible >= 0.0 && conf->negligible <= 1.0))
+		return gd_fail(err, GD_EARG, "non-local means: negligible noise %g (0 to 1)",
+			       conf->negligible);
 	w = job->guide[0].w;
 	h = job->guide[0].h;
 	if (w < 1 || h < 1)
@@ -487,6 +563,20 @@ static int check(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf, s
 	return rc;
 }
 
+/* Disc or square. */
+static void reaches(struct run *r)
+{
+	const int n = r->conf->window;
+
+	for (int dy = -n; dy <= n; dy++) {
+		int dx = n;
+
+		while (r->conf->round && dx > 0 && dx * dx + dy * dy > n * n + 1)
+			dx--;
+		r->reach[n + dy] = dx;
+	}
+}
+
 int gd_nlm_run(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf,
 	       const struct gd_report *report, struct gd_err *err)
 {
@@ -500,6 +590,7 @@ int gd_nlm_run(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf,
 	r.across = (r.w + TILE_W - 1) / TILE_W;
 	r.down = (r.h + TILE_H - 1) / TILE_H;
 	r.stride = TILE_W + 2 * margin(conf);
+	reaches(&r);
 	rc = scale_guides(&r, err);
 	if (rc == GD_OK)
 		rc = filter(&r, report, err);

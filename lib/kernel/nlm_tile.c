@@ -119,19 +119,14 @@ INLINE void sum_along(float *restrict out, const float *restrict row, int radius
 }
 
 /*
- * w[x] = exp(-max(0, mean distance of the patch around x)) for x0 <= x < x1, 0 in the rest of the
- * tile's row; ring holds the patch's rows of sums; share has the half of their mean's factor, since
- * 2 max(0, s) = s + |s|.
+ * w[x] = exp(-max(0, mean distance of the patch around x)) for x0 <= x < x1; ring holds the patch's
+ * rows of sums; share has the half of their mean's factor, since 2 max(0, s) = s + |s|.
  */
 INLINE void weigh(float *restrict w, const struct gd_nlm_tile *t, const float *restrict ring,
 		  const float *restrict share, int rows, float share_y, int x0, int x1)
 {
 	const size_t stride = t->stride;
 
-	for (int x = 0; x < x0; x++)
-		w[x] = 0.0f;
-	for (int x = x1; x < t->w; x++)
-		w[x] = 0.0f;
 #pragma omp simd
 	for (int x = x0; x < x1; x++) {
 		float s = ring[x];
@@ -183,17 +178,19 @@ INLINE void add_weights(float *restrict sum, const float *restrict w, size_t str
 	}
 }
 
-INLINE void accumulate(const struct gd_nlm_tile *t, int y, int dx, int dy, int count)
+INLINE void accumulate(const struct gd_nlm_tile *t, int y, int dx, int dy, int count, int x0,
+		       int x1)
 {
-	const ptrdiff_t at = y * (ptrdiff_t)t->stride, to = at + dy * (ptrdiff_t)t->stride + dx;
+	const ptrdiff_t at = y * (ptrdiff_t)t->stride + x0, to = at + dy * (ptrdiff_t)t->stride + dx;
+	const float *w = t->weight + x0;
+	const int n = x1 - x0;
 
-	add_weights(t->sum_weight + at, t->weight, t->stride, count, t->w);
+	add_weights(t->sum_weight + at, w, t->stride, count, n);
 	for (int c = 0; c < t->n; c++) {
-		add_values(t->sum[c] + at, t->in[c] + at, t->in[c] + to, t->weight, t->stride,
-			   count, t->w);
+		add_values(t->sum[c] + at, t->in[c] + at, t->in[c] + to, w, t->stride, count, n);
 		if (t->in_var[c])
-			add_variances(t->sum_var[c] + at, t->in_var[c] + to, t->weight, t->stride,
-				      count, t->w);
+			add_variances(t->sum_var[c] + at, t->in_var[c] + to, w, t->stride, count,
+				      n);
 	}
 }
 
@@ -207,26 +204,61 @@ static int patch_pixels(int at, int radius, int first, int end, int shift)
 	return hi - lo;
 }
 
-/* The pixels of the tile's row that have a partner at dx: *x0 <= x < *x1. */
-static void partners(const struct gd_nlm_tile *t, int dx, int *x0, int *x1)
+/* The next run of chunks in bits, as pixels x0 <= x < x1 of a row of w; false if there is none. */
+INLINE bool next_run(uint32_t *bits, int w, int *x0, int *x1)
 {
-	*x0 = t->left - dx > 0 ? t->left - dx : 0;
-	*x1 = t->right - dx < t->w ? t->right - dx : t->w;
-	if (*x1 < *x0)
-		*x0 = *x1 = 0;
+	uint32_t rest = *bits, after;
+	int first;
+
+	if (!rest)
+		return false;
+	first = __builtin_ctz(rest);
+	after = rest + (1u << first);	/* carries through the run */
+	*bits = rest & after;
+	*x0 = first * GD_NLM_CHUNK;
+	*x1 = after ? __builtin_ctz(after) * GD_NLM_CHUNK : 32 * GD_NLM_CHUNK;
+	*x1 = *x1 < w ? *x1 : w;
+	return true;
+}
+
+/* Cuts x0 <= x < x1 to the pixels that have a partner at dx. */
+INLINE void partners(const struct gd_nlm_tile *t, int dx, int *x0, int *x1)
+{
+	*x0 = t->left - dx > *x0 ? t->left - dx : *x0;
+	*x1 = t->right - dx < *x1 ? t->right - dx : *x1;
 }
 
 /* The row sums of distances that come in with row y of the guide. */
-INLINE void next_row(const struct gd_nlm_tile *t, float *sums, int y, int dx, int dy, int f)
+INLINE void next_row(const struct gd_nlm_tile *t, float *sums, int y, int dx, int dy, int f, int x0,
+		     int x1)
 {
-	int x0, x1;
-
 	partners(t, dx, &x0, &x1);
+	if (x0 >= x1)
+		return;
 	if (y < t->top || y >= t->bottom || y + dy < t->top || y + dy >= t->bottom) {
 		memset(sums + x0, 0, (size_t)(x1 - x0) * sizeof *sums);
-	} else if (x0 < x1) {
+	} else {
 		distance_row(t, y, dx, dy, x0 - f, x1 + f);
 		sum_along(sums, t->dist, f, x0, x1);
+	}
+}
+
+INLINE void weigh_run(const struct gd_nlm_tile *t, int dx, int f, int count, float share_y, int x0,
+		      int x1)
+{
+	const int rows = 2 * f + 1;
+
+	for (int i = 0; i < count; i++) {
+		float *w = t->weight + (size_t)i * t->stride;
+		int lo = x0, hi = x1;
+
+		partners(t, dx + i, &lo, &hi);
+		for (int x = x0; x < lo && x < x1; x++)
+			w[x] = 0.0f;
+		for (int x = hi > x0 ? hi : x0; x < x1; x++)
+			w[x] = 0.0f;
+		weigh(w, t, t->ring + (size_t)(i * rows) * t->stride,
+		      t->share + (size_t)i * t->stride, rows, share_y, lo, hi);
 	}
 }
 
@@ -243,6 +275,8 @@ INLINE void shift_sums(const struct gd_nlm_tile *t, int dx, int dy, int f, int c
 	int x0, x1;
 
 	for (int i = 0; i < count; i++) {
+		x0 = 0;
+		x1 = t->w;
 		partners(t, dx + i, &x0, &x1);
 		for (int x = x0; x < x1; x++)
 			t->share[(size_t)i * stride + x] = 0.5f * t->scale /
@@ -250,22 +284,53 @@ INLINE void shift_sums(const struct gd_nlm_tile *t, int dx, int dy, int f, int c
 	}
 	for (int y = y0 - f; y < y1 + f; y++) {
 		const int slot = (y - y0 + f) % rows;
+		uint32_t bits = t->needed[y];
 
-		for (int i = 0; i < count; i++)
-			next_row(t, t->ring + (size_t)(i * rows + slot) * stride, y, dx + i, dy, f);
-		if (y < y0 + f)
+		while (next_run(&bits, t->w, &x0, &x1))
+			for (int i = 0; i < count; i++)
+				next_row(t, t->ring + (size_t)(i * rows + slot) * stride, y, dx + i,
+					 dy, f, x0, x1);
+		if (y < y0 + f || !t->active[y - f])
 			continue;
 
 		float share_y = 1.0f / (float)patch_pixels(y - f, f, t->top, t->bottom, dy);
 
-		for (int i = 0; i < count; i++) {
-			partners(t, dx + i, &x0, &x1);
-			weigh(t->weight + (size_t)i * stride, t,
-			      t->ring + (size_t)(i * rows) * stride, t->share + (size_t)i * stride,
-			      rows, share_y, x0, x1);
+		bits = t->active[y - f];
+		while (next_run(&bits, t->w, &x0, &x1)) {
+			weigh_run(t, dx, f, count, share_y, x0, x1);
+			accumulate(t, y - f, dx, dy, count, x0, x1);
 		}
-		accumulate(t, y - f, dx, dy, count);
 	}
+}
+
+static bool mark(const struct gd_nlm_tile *t, const float *most)
+{
+	const int f = t->patch;
+	uint32_t any = 0;
+
+	for (int y = -f; y < t->h + f; y++)
+		t->needed[y] = 0;
+	for (int y = 0; y < t->h; y++) {
+		const size_t at = (size_t)y * t->stride;
+		float *restrict row = t->noisy + at;
+
+		for (int c = 0; c < t->nguide; c++) {
+			const float *restrict var = t->guide_var[c] + at;
+			const float limit = most[c];
+
+#pragma omp simd
+			for (int x = 0; x < t->w; x++)
+				row[x] = (c > 0 && row[x] > 0.0f) || var[x] > limit ? 1.0f : 0.0f;
+		}
+		t->active[y] = 0;
+		for (int x = 0; x < t->w; x++)
+			if (row[x] > 0.0f)
+				t->active[y] |= 1u << x / GD_NLM_CHUNK;
+		for (int o = -f; o <= f; o++)
+			t->needed[y + o] |= t->active[y];
+		any |= t->active[y];
+	}
+	return any != 0;
 }
 
 static void sums(const struct gd_nlm_tile *t)
@@ -281,14 +346,17 @@ static void sums(const struct gd_nlm_tile *t)
 		}
 	}
 	for (int dy = -t->window; dy <= t->window; dy++) {
-		int dx = -t->window;
+		const int last = t->reach[dy];
+		int dx = -last;
 
 		/* the usual window of 11 in groups of 4, 4 and 3; other patches one by one */
-		for (; t->patch == 3 && dx + 3 <= t->window; dx += 4)
+		for (; t->patch == 3 && dx + 4 == last; dx += 5)
+			shift_sums(t, dx, dy, 3, 5);
+		for (; t->patch == 3 && dx + 3 <= last; dx += 4)
 			shift_sums(t, dx, dy, 3, 4);
-		for (; t->patch == 3 && dx + 2 <= t->window; dx += 3)
+		for (; t->patch == 3 && dx + 2 <= last; dx += 3)
 			shift_sums(t, dx, dy, 3, 3);
-		for (; dx <= t->window; dx++)
+		for (; dx <= last; dx++)
 			shift_sums(t, dx, dy, t->patch, 1);
 	}
 }
@@ -297,11 +365,14 @@ static void mean(const struct gd_nlm_tile *t, int plane, int y, float scale, flo
 {
 	const size_t at = (size_t)y * t->stride;
 	const float *restrict w = t->sum_weight + at, *restrict sum = t->sum[plane] + at;
-	const float *restrict in = t->in[plane] + y * (ptrdiff_t)t->stride;
+	const float *restrict in = t->in[plane] + at, *restrict noisy = t->noisy + at;
 
 #pragma omp simd
-	for (int x = 0; x < t->w; x++)
-		out[x] = (in[x] + sum[x] / w[x]) * scale;
+	for (int x = 0; x < t->w; x++) {
+		float change = sum[x] / w[x];
+
+		out[x] = (noisy[x] > 0.0f ? in[x] + change : in[x]) * scale;
+	}
 }
 
 static void mean_var(const struct gd_nlm_tile *t, int plane, int y, float scale,
@@ -309,10 +380,14 @@ static void mean_var(const struct gd_nlm_tile *t, int plane, int y, float scale,
 {
 	const size_t at = (size_t)y * t->stride;
 	const float *restrict w = t->sum_weight + at, *restrict var = t->sum_var[plane] + at;
+	const float *restrict in = t->in_var[plane] + at, *restrict noisy = t->noisy + at;
 
 #pragma omp simd
-	for (int x = 0; x < t->w; x++)
-		out[x] = var[x] / (w[x] * w[x]) * scale;
+	for (int x = 0; x < t->w; x++) {
+		float less = var[x] / (w[x] * w[x]);
+
+		out[x] = (noisy[x] > 0.0f ? less : in[x]) * scale;
+	}
 }
 
-const struct gd_nlm_kernel GD_KERNEL(gd_nlm_kernel) = { load, sums, mean, mean_var };
+const struct gd_nlm_kernel GD_KERNEL(gd_nlm_kernel) = { load, mark, sums, mean, mean_var };

@@ -3,6 +3,9 @@
 #ifndef GD_NLM_TILE_H
 #define GD_NLM_TILE_H
 
+#include <stdbool.h>
+#include <stdint.h>
+
 #include "isa.h"
 #include "nlm.h"
 
@@ -11,7 +14,8 @@
 #define GD_NLM_LIMIT	1e5f	/* guides are cut here, in their own standard deviations, and their
 				 * variances at its square: products of three stay floats */
 #define GD_NLM_NOISE	1e-10f	/* the least noise, for the same reason */
-#define GD_NLM_GROUP	4	/* neighbouring shifts that are treated together */
+#define GD_NLM_GROUP	5	/* neighbouring shifts that are treated together */
+#define GD_NLM_CHUNK	8	/* pixels of a row that are worked on, or left out, together */
 #define GD_NLM_BAD	1
 #define GD_NLM_HUGE	2
 #define GD_NLM_ROOM	1e33f	/* above it 65 x 65 values could exceed the largest float */
@@ -21,6 +25,7 @@ struct gd_nlm_tile {
 	int w, h;			/* pixels to filter */
 	int left, right, top, bottom;	/* the image is left <= x < right, top <= y < bottom */
 	int patch, window, nguide, n;
+	const int *reach;		/* [-window .. window]: the largest |dx| for each dy */
 	size_t stride;
 	float scale, far;		/* of all distances: 1 / k^2, and GD_NLM_FAR before that */
 	float noise[GD_NLM_PLANES];	/* e / k^2 */
@@ -31,6 +36,9 @@ struct gd_nlm_tile {
 	/* w x h, sums of weighted values */
 	float *sum[GD_NLM_PLANES], *sum_var[GD_NLM_PLANES];
 	float *sum_weight;
+	float *noisy;			/* w x h: 1 for a pixel to filter, 0 for one that stays */
+	uint32_t *active;		/* [h] one bit for each chunk of a row with pixels to filter */
+	uint32_t *needed;		/* [-patch .. h + patch]: chunks that patches of these reach */
 	float *dist, *ring, *weight, *share;	/* scratch rows: 1, and for each shift of a group
 						 * 2 patch + 1, 1 and 1 */
 };
@@ -40,11 +48,14 @@ struct gd_nlm_kernel {
 	 * not finite, with GD_NLM_HUGE if one is so large that sums could overflow. */
 	int (*load)(float *to, const float *from, int n, float offset, float scale, float scale2,
 		    float lo, float hi);
+	/* noisy = 1 where any guide's variance is above most[c]; fills active and needed, too.
+	 * Returns whether there is any such pixel. */
+	bool (*mark)(const struct gd_nlm_tile *t, const float *most);
 	/* Zeroes the sums and adds up all shifts of the window. */
 	void (*sums)(const struct gd_nlm_tile *t);
-	/* out = scale (centre + sum / weight) */
+	/* out = scale (centre + sum / weight), without the latter where the pixel stays */
 	void (*mean)(const struct gd_nlm_tile *t, int plane, int y, float scale, float *out);
-	/* out_var = scale sum_var / weight^2 */
+	/* out_var = scale sum_var / weight^2, or scale in_var */
 	void (*mean_var)(const struct gd_nlm_tile *t, int plane, int y, float scale,
 			 float *out_var);
 };

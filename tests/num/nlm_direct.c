@@ -99,6 +99,11 @@ static int inside(const struct problem *p, int x, int y)
 	return x >= 0 && y >= 0 && x < p->w && y < p->h;
 }
 
+static int in_window(const struct gd_nlm_conf *conf, int dx, int dy)
+{
+	return !conf->round || dx * dx + dy * dy <= conf->window * conf->window + 1;
+}
+
 static double weight(const struct problem *p, const struct gd_nlm_conf *conf, const double *eps,
 		     int px, int py, int qx, int qy)
 {
@@ -129,6 +134,19 @@ static double weight(const struct problem *p, const struct gd_nlm_conf *conf, co
 	return exp(-fmax(0.0, sum / count));
 }
 
+/* Is any guide's variance above what is negligible? */
+static int noisy(const struct problem *p, const struct gd_nlm_conf *conf, const double *eps, int x,
+		 int y)
+{
+	int found = conf->negligible <= 0.0;
+
+	for (int c = 0; c < p->nguide; c++)
+		if (p->guide_var[c].v)
+			found |= gd_row(p->guide_var[c], y)[x] >
+				 conf->negligible / conf->eps * eps[c];
+	return found;
+}
+
 /* |a - b| against a tolerance that says which pixel fails. */
 static void close_to(const char *what, int c, int x, int y, double found, double wanted,
 		     double tolerance)
@@ -143,9 +161,10 @@ static void close_to(const char *what, int c, int x, int y, double found, double
  * weighty values are below 20, hence 1e-4 in a weight; the output is a mean of values whose
  * spread inside a window is below 6 scales.
  */
-static void compare(const struct problem *p, const struct gd_nlm_conf *conf, double scale)
+static int compare(const struct problem *p, const struct gd_nlm_conf *conf, double scale)
 {
 	double eps[MAX_PLANES];
+	int kept = 0;
 
 	for (int c = 0; c < p->nguide; c++)
 		eps[c] = conf->eps * spread(p->guide[c]);
@@ -153,9 +172,19 @@ static void compare(const struct problem *p, const struct gd_nlm_conf *conf, dou
 		for (int x = 0; x < p->w; x++) {
 			double sw = 0.0, su[MAX_PLANES] = { 0 }, sv[MAX_PLANES] = { 0 };
 
+			if (!noisy(p, conf, eps, x, y)) {
+				for (int c = 0; c < p->n; c++) {
+					assert_true(gd_row(p->out[c], y)[x] ==
+						    gd_row(p->in[c], y)[x]);
+					assert_true(gd_row(p->out_var[c], y)[x] ==
+						    gd_row(p->in_var[c], y)[x]);
+				}
+				kept++;
+				continue;
+			}
 			for (int qy = y - conf->window; qy <= y + conf->window; qy++)
 				for (int qx = x - conf->window; qx <= x + conf->window; qx++) {
-					if (!inside(p, qx, qy))
+					if (!inside(p, qx, qy) || !in_window(conf, qx - x, qy - y))
 						continue;
 
 					double w = weight(p, conf, eps, x, y, qx, qy);
@@ -174,9 +203,11 @@ static void compare(const struct problem *p, const struct gd_nlm_conf *conf, dou
 					 2e-4 * sv[c] / (sw * sw) + 1e-12 * scale * scale);
 			}
 		}
+	return kept;
 }
 
-static void check(int w, int h, int nguide, int n, struct gd_nlm_conf conf, double scale)
+/* Returns how many pixels were left as they are. */
+static int check(int w, int h, int nguide, int n, struct gd_nlm_conf conf, double scale)
 {
 	struct problem p;
 	struct gd_err err = { 0 };
@@ -189,8 +220,10 @@ static void check(int w, int h, int nguide, int n, struct gd_nlm_conf conf, doub
 
 	if (gd_nlm_run(&job, &conf, NULL, &err) != GD_OK)
 		fail_msg("%s", err.text);
-	compare(&p, &conf, scale);
+	const int kept = compare(&p, &conf, scale);
+
 	free(p.block);
+	return kept;
 }
 
 static void published_sizes(void **unused)
@@ -223,6 +256,35 @@ static void sizes_below_the_window(void **unused)
 	check(1, 67, 3, 3, GD_NLM_DEFAULTS, 1.0);
 }
 
+static void round_windows(void **unused)
+{
+	struct gd_nlm_conf conf = { .patch = 3, .k = 1.0, .eps = 1e-4, .round = true };
+
+	(void)unused;
+	for (conf.window = 0; conf.window <= 7; conf.window++)
+		check(37, 23, 3, 2, conf, 1.0);
+}
+
+/* Columns with x % 16 == 3 are exact, the noise of the others grows with y % 11. */
+static void negligible_noise(void **unused)
+{
+	const double share[] = { 1e-9, 0.01, 0.03 };
+	const int least[] = { 148 * 67 / 16, 148 * 67 / 9, 148 * 67 / 4 };
+	struct gd_nlm_conf conf = GD_NLM_PREFILTER;
+
+	(void)unused;
+	for (int i = 0; i < 3; i++) {
+		conf.negligible = share[i];
+
+		int kept = check(148, 67, 3, 3, conf, i == 1 ? 1e10 : 1.0);
+
+		assert_in_range(kept, least[i], 148 * 67 * 3 / 4);
+		check(5, 3, 3, 2, conf, 1.0);
+	}
+	conf.negligible = 1.0;
+	assert_int_equal(check(70, 35, 2, 2, conf, 1.0), 70 * 35);
+}
+
 static void any_exposure(void **unused)
 {
 	(void)unused;
@@ -236,6 +298,8 @@ int main(void)
 		cmocka_unit_test(published_sizes),
 		cmocka_unit_test(other_radii),
 		cmocka_unit_test(sizes_below_the_window),
+		cmocka_unit_test(round_windows),
+		cmocka_unit_test(negligible_noise),
 		cmocka_unit_test(any_exposure),
 	};
 

@@ -247,12 +247,11 @@ static void offset_goes_through(void **unused)
 	free(a.block);
 }
 
-static void mirror_transpose_and_order_of_planes(void **unused)
+static void mirror_transpose_and_order(struct gd_nlm_conf conf)
 {
 	const int w = 150, h = 43;
 	struct frame a, b, t;
 
-	(void)unused;
 	frame_new(&a, w, h);
 	frame_new(&b, w, h);
 	frame_new(&t, h, w);
@@ -265,9 +264,9 @@ static void mirror_transpose_and_order_of_planes(void **unused)
 				gd_row(t.u[c], x)[y] = gd_row(a.u[c], y)[x];
 				gd_row(t.v[c], x)[y] = gd_row(a.v[c], y)[x];
 			}
-	filter(&a);
-	filter(&b);
-	filter(&t);
+	filter_with(&a, conf);
+	filter_with(&b, conf);
+	filter_with(&t, conf);
 	for (int c = 0; c < N; c++)
 		for (int y = 0; y < h; y++)
 			for (int x = 0; x < w; x++) {
@@ -283,27 +282,119 @@ static void mirror_transpose_and_order_of_planes(void **unused)
 	free(a.block);
 }
 
-static void threads_do_not_matter(void **unused)
+/* Three of seven pixels of fill() have a noise that is not negligible. */
+static struct gd_nlm_conf some_pixels(void)
 {
-	const int threads[] = { 2, 7 }, before = omp_get_max_threads();
+	struct gd_nlm_conf conf = GD_NLM_PREFILTER;
+
+	conf.negligible = 0.04;
+	return conf;
+}
+
+static void mirror_transpose_and_order_of_planes(void **unused)
+{
+	(void)unused;
+	mirror_transpose_and_order(GD_NLM_DEFAULTS);
+	mirror_transpose_and_order(some_pixels());
+}
+
+/* Which pixels stay does not depend on where the image is cut into tiles or what is around it. */
+static void a_part_alone_is_as_in_the_whole(void **unused)
+{
+	const int x0 = 19, y0 = 7, w = 140, h = 60;
 	struct frame a, b;
+	int stayed = 0, changed = 0;
 
 	(void)unused;
+	frame_new(&a, 200, 90);
+	frame_new(&b, w, h);
+	fill(&a, 1.0);
+	for (int c = 0; c < N; c++)
+		for (int y = 0; y < h; y++)
+			for (int x = 0; x < w; x++) {
+				gd_row(b.u[c], y)[x] = gd_row(a.u[c], y0 + y)[x0 + x];
+				gd_row(b.v[c], y)[x] = gd_row(a.v[c], y0 + y)[x0 + x];
+			}
+	filter_with(&a, some_pixels());
+	filter_with(&b, some_pixels());
+	for (int y = 6; y < h - 6; y++)
+		for (int x = 6; x < w - 6; x++) {
+			bool stays = gd_row(a.out[0], y0 + y)[x0 + x] ==
+				     gd_row(a.u[0], y0 + y)[x0 + x];
+
+			assert_true(stays == (gd_row(b.out[0], y)[x] == gd_row(b.u[0], y)[x]));
+			/* the noise floor is relative to the variance of each */
+			close_to("part", 0, x, y, gd_row(b.out[0], y)[x],
+				 gd_row(a.out[0], y0 + y)[x0 + x], 1e-3);
+			stayed += stays;
+			changed += !stays;
+		}
+	assert_true(stayed > 1000 && changed > 1000);
+	free(b.block);
+	free(a.block);
+}
+
+static void threads_do_not_matter_with(struct gd_nlm_conf conf)
+{
+	const int threads[] = { 2, 7, 33 }, before = omp_get_max_threads();
+	struct frame a, b;
+
 	frame_new(&a, 300, 101);
 	frame_new(&b, 300, 101);
 	fill(&a, 1.0);
 	fill(&b, 1.0);
 	omp_set_num_threads(1);
-	filter(&a);
-	for (int i = 0; i < 2; i++) {
+	filter_with(&a, conf);
+	for (int i = 0; i < 3; i++) {
 		omp_set_num_threads(threads[i]);
 		memset(b.out[0].v, 0, 2 * N * b.size * sizeof(float));
-		filter(&b);
+		filter_with(&b, conf);
 		assert_memory_equal(a.out[0].v, b.out[0].v, 2 * N * a.size * sizeof(float));
 	}
 	omp_set_num_threads(before);
 	free(b.block);
 	free(a.block);
+}
+
+static void threads_do_not_matter(void **unused)
+{
+	(void)unused;
+	threads_do_not_matter_with(GD_NLM_DEFAULTS);
+	threads_do_not_matter_with(some_pixels());
+}
+
+/* Exact pixels with one noisy one, bad ones here and there: all that is not noisy comes out as is. */
+static void one_noisy_pixel(void **unused)
+{
+	struct frame f;
+
+	(void)unused;
+	frame_new(&f, 300, 70);
+	for (int c = 0; c < N; c++) {
+		for (int y = 0; y < 70; y++)
+			for (int x = 0; x < 300; x++)
+				gd_row(f.u[c], y)[x] = x / 150 ? 1.0f : 0.0f;
+		gd_row(f.u[c], 33)[130] = 0.1f;
+		gd_row(f.v[c], 33)[130] = 0.01f;
+	}
+	gd_row(f.u[1], 60)[290] = NAN;
+	gd_row(f.u[2], 3)[3] = 1e38f;
+	gd_row(f.v[0], 50)[20] = INFINITY;
+	filter_with(&f, GD_NLM_PREFILTER);
+	all_finite(&f);
+	for (int c = 0; c < N; c++)
+		for (int y = 0; y < 70; y++)
+			for (int x = 0; x < 300; x++) {
+				bool noisy = (x == 130 && y == 33) || (x == 20 && y == 50) ||
+					     (x == 290 && y == 60);
+
+				if (!noisy && gd_row(f.out[c], y)[x] != gd_row(f.u[c], y)[x])
+					fail_msg("plane %d at (%d, %d) is touched", c, x, y);
+				if (!noisy && gd_row(f.out_var[c], y)[x] != gd_row(f.v[c], y)[x])
+					fail_msg("variance %d at (%d, %d)", c, x, y);
+			}
+	assert_true(gd_row(f.out[0], 33)[130] != gd_row(f.u[0], 33)[130]);
+	free(f.block);
 }
 
 static void no_variance_wanted(void **unused)
@@ -481,6 +572,9 @@ static void refusals(void **unused)
 	conf.eps = 0.0;
 	assert_int_equal(gd_nlm_run(&job, &conf, NULL, NULL), GD_EARG);
 	conf = GD_NLM_DEFAULTS;
+	conf.negligible = 1.5;
+	assert_int_equal(gd_nlm_run(&job, &conf, NULL, NULL), GD_EARG);
+	conf = GD_NLM_DEFAULTS;
 	job.nguide = 0;
 	assert_int_equal(gd_nlm_run(&job, &conf, NULL, NULL), GD_EARG);
 	job.nguide = N;
@@ -501,7 +595,9 @@ int main(void)
 		cmocka_unit_test(scale_goes_through),
 		cmocka_unit_test(offset_goes_through),
 		cmocka_unit_test(mirror_transpose_and_order_of_planes),
+		cmocka_unit_test(a_part_alone_is_as_in_the_whole),
 		cmocka_unit_test(threads_do_not_matter),
+		cmocka_unit_test(one_noisy_pixel),
 		cmocka_unit_test(no_variance_wanted),
 		cmocka_unit_test(bad_pixels_count_as_their_neighbours),
 		cmocka_unit_test(nothing_but_bad_pixels),
