@@ -36,6 +36,9 @@ static int check_conf(const struct gd_lwr_conf *c, struct gd_err *err)
 	if (c->radius < 1 || c->radius > GD_LWR_RADIUS)
 		return gd_fail(err, GD_EARG, "lwr: radius %d, expected 1 to %d", c->radius,
 			       GD_LWR_RADIUS);
+	if (c->radius_min < 0 || c->radius_min > c->radius)
+		return gd_fail(err, GD_EARG, "lwr: least radius %d, expected 0 to %d",
+			       c->radius_min, c->radius);
 	if (c->granularity < 0 || c->granularity > 2 * c->radius + 1)
 		return gd_fail(err, GD_EARG, "lwr: granularity %d, expected 0 to %d",
 			       c->granularity, 2 * c->radius + 1);
@@ -83,6 +86,8 @@ static int check(const struct gd_lwr_out *out, const struct gd_lwr_in *in,
 		rc = check_planes(out->est, in->ny, like, "output", err);
 	if (rc == GD_OK && out->mse)
 		rc = check_planes(out->mse, nc, like, "error", err);
+	if (rc == GD_OK && out->spread)
+		rc = check_planes(out->spread, nc, like, "spread", err);
 	if (rc == GD_OK)
 		rc = check_optional(out->radius, like, "radius", err);
 	if (rc == GD_OK)
@@ -107,6 +112,8 @@ static void clear_all(const struct gd_lwr_plan *p)
 		clear(p->est[c]);
 	for (int c = 0; p->mse && c < p->nc; c++)
 		clear(p->mse[c]);
+	for (int c = 0; p->spread && c < p->nc; c++)
+		clear(p->spread[c]);
 	for (size_t i = 0; i < sizeof map / sizeof *map; i++)
 		if (map[i].v)
 			clear(map[i]);
@@ -126,6 +133,22 @@ static void over_total(struct gd_plane to, struct gd_plane total)
 	}
 }
 
+/* The mean square, less the square of the mean. */
+static void to_spread(struct gd_plane square, struct gd_plane mean)
+{
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < mean.h; y++) {
+		float *row = gd_row(square, y);
+		const float *m = gd_row(mean, y);
+
+		for (int x = 0; x < mean.w; x++) {
+			double v = (double)row[x] - (double)m[x] * (double)m[x];
+
+			row[x] = v > 0 ? (float)v : 0;
+		}
+	}
+}
+
 /* From sums to means: every pixel has a model of its own if no other covers it. */
 static void finish(const struct gd_lwr_plan *p)
 {
@@ -133,6 +156,10 @@ static void finish(const struct gd_lwr_plan *p)
 		over_total(p->est[c], p->total);
 	for (int c = 0; p->mse && c < p->nc; c++)
 		over_total(p->mse[c], p->total);
+	for (int c = 0; p->spread && c < p->nc; c++) {
+		over_total(p->spread[c], p->total);
+		to_spread(p->spread[c], p->est[c]);
+	}
 	over_total(p->out_radius, p->total);
 	over_total(p->out_features, p->total);
 }
@@ -218,6 +245,7 @@ static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 	p->w = in->y[0].w;
 	p->h = in->y[0].h;
 	p->radius = conf->radius;
+	p->radius_min = conf->radius_min;
 	p->ny = in->ny;
 	p->nc = colours(in);
 	p->twin = in->twin != NULL;
@@ -230,6 +258,7 @@ static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 	p->level2 = gd_lwr_level(in->y, p->nc);
 	p->est = out->est;
 	p->mse = out->mse;
+	p->spread = out->spread;
 	p->out_radius = out->radius;
 	p->out_features = out->features;
 	p->out_centre = out->centre;

@@ -28,6 +28,8 @@
 
 struct gd_lwr_conf {
 	int radius;		/* R, pixels; 1 .. GD_LWR_RADIUS; 9: windows up to 19x19 */
+	int radius_min;		/* smallest window that may be chosen, 0 .. R; errors are counted from
+				 * r = 1 on all the same */
 	int granularity;	/* spacing of the first centres, pixels; 1 .. 2R+1; 0: 2R+1 */
 	bool dense;		/* a model at every pixel, whether covered or not */
 	bool by_error;		/* predictions weigh by 1 / their window's estimated error */
@@ -38,7 +40,8 @@ struct gd_lwr_conf {
 	double ridge;		/* pull of every slope, relative to the column's spread in the window */
 	double flat;		/* pull of feature slopes, in squares of the feature's range */
 };
-#define GD_LWR_DEFAULTS ((struct gd_lwr_conf){ .radius = 9, .feature_noise = 1, .ridge = 1e-4, .flat = 1e-5 })
+#define GD_LWR_DEFAULTS ((struct gd_lwr_conf){ \
+	.radius = 9, .radius_min = 3, .granularity = 4, .feature_noise = 1, .ridge = 1e-4, .flat = 1e-5 })
 
 /*
  * Planes of one size, all finite (gd_apr_clean() makes them so).
@@ -64,10 +67,12 @@ struct gd_lwr_in {
  * radius, features   v = NULL, or the prediction radius and the number of features in use,
  *          averaged over the models that cover the pixel
  * centre   v = NULL, or 1 where a model stands, else 0
+ * spread   NULL, or as many planes as the colour has: variance of the predictions that cover the
+ *          pixel about their mean; 0 where there is one
  * Must not overlap the input.
  */
 struct gd_lwr_out {
-	struct gd_plane *est, *mse;
+	struct gd_plane *est, *mse, *spread;
 	struct gd_plane radius, features, centre;
 };
 

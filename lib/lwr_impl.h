@@ -16,10 +16,10 @@
 
 #define GD_LWR_TILE	64	/* pixels; > 2 * (GD_LWR_RADIUS + 8): tiles a tile apart never touch */
 #define GD_LWR_COLUMNS	(3 + GD_LWR_FEATURES)
-#define GD_LWR_LIMIT	1e35f	/* predictions are cut to that: sums of them stay finite */
+#define GD_LWR_LIMIT	1e35f	/* predictions, and their squares, are cut to that: sums stay finite */
 
 struct gd_lwr_plan {
-	int w, h, radius;
+	int w, h, radius, radius_min;
 	int nf, nc, ny;			/* features, colour planes, planes */
 	int p, q;			/* model columns; with colour and twin */
 	bool twin, by_error;
@@ -40,7 +40,8 @@ struct gd_lwr_plan {
 	double flat[GD_LWR_FEATURES];	/* flat, times the square of the feature's range */
 	double ridge;
 	double level2;			/* added to a squared mean where channels are weighed; > 0 */
-	const struct gd_plane *est, *mse;	/* sums until the end; mse may be NULL */
+	const struct gd_plane *est;	/* sums until the end */
+	const struct gd_plane *mse, *spread;	/* NULL: not wanted; spread: of squares */
 	struct gd_plane total;			/* of the weights of predictions */
 	struct gd_plane out_radius, out_features, out_centre;	/* v = NULL: not wanted */
 	unsigned char *mark;		/* w * h: a centre of this pass */

@@ -185,7 +185,7 @@ static void compare(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int r)
 		cost += t->scale[c] * t->acc[c];
 	cost *= over;
 	for (int l = 0; l < LANES; l++) {
-		better[l] = !t->done[l] && (r == 1 || cost[l] < t->least[l]);
+		better[l] = !t->done[l] && (r == 1 || r <= p->radius_min || cost[l] < t->least[l]);
 		any |= better[l];
 	}
 	if (!any)

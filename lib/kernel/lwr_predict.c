@@ -4,6 +4,8 @@
  * the window are taken in vectors of pixels, from the planes as they came; vectors that would end
  * beyond the image start earlier, and lanes outside the window weigh 0.
  */
+#include <math.h>
+
 #include "../lwr_impl.h"
 
 #define LANES GD_LWR_LANES
@@ -30,7 +32,7 @@ GD_LWR_INLINE vec limit(vec v)
 /* One vector of pixels from x on, planes c .. c+n-1. */
 GD_LWR_INLINE void group(const struct gd_lwr_plan *p, const struct gd_lwr_model *m,
 			 const float *const *feat, int x, int v, vec weight, int c, const int n,
-			 float *const *est)
+			 float *const *est, float *const *square)
 {
 	vec u = { 0 }, sum[AT_ONCE];
 
@@ -52,13 +54,19 @@ GD_LWR_INLINE void group(const struct gd_lwr_plan *p, const struct gd_lwr_model 
 		gd_lwr_float *to = (gd_lwr_float *)(est[c + k] + x);
 		vec level = splat(c + k < p->nc ? m->ref[p->p + c + k] : 0);
 
-		*to += __builtin_convertvector(weight * limit(sum[k] + level), gd_lwr_float);
+		vec value = limit(sum[k] + level);
+
+		*to += __builtin_convertvector(weight * value, gd_lwr_float);
+		if (p->spread && c + k < p->nc) {
+			to = (gd_lwr_float *)(square[c + k] + x);
+			*to += __builtin_convertvector(weight * limit(value * value), gd_lwr_float);
+		}
 	}
 }
 
 /* The same for an image narrower than a vector. */
 static void single(const struct gd_lwr_plan *p, const struct gd_lwr_model *m,
-		   const float *const *feat, int x, int v, float *const *est)
+		   const float *const *feat, int x, int v, float *const *est, float *const *square)
 {
 	for (int c = 0; c < p->ny; c++) {
 		const double *b = m->b + c * p->p;
@@ -70,6 +78,8 @@ static void single(const struct gd_lwr_plan *p, const struct gd_lwr_model *m,
 		sum = sum > -(double)GD_LWR_LIMIT ? sum : -(double)GD_LWR_LIMIT;
 		sum = sum < (double)GD_LWR_LIMIT ? sum : (double)GD_LWR_LIMIT;
 		est[c][x] += (float)(m->weight * sum);
+		if (p->spread && c < p->nc)
+			square[c][x] += (float)(m->weight * fmin(sum * sum, (double)GD_LWR_LIMIT));
 	}
 }
 
@@ -77,15 +87,17 @@ static void predict_row(const struct gd_lwr_plan *p, const struct gd_lwr_model *
 			int x1)
 {
 	const float *feat[GD_LWR_FEATURES];
-	float *est[GD_LWR_RHS];
+	float *est[GD_LWR_RHS], *square[3] = { 0 };
 
 	for (int a = 0; a < p->nf; a++)
 		feat[a] = gd_row(p->feat[a], y);
 	for (int c = 0; c < p->ny; c++)
 		est[c] = gd_row(p->est[c], y);
+	for (int c = 0; p->spread && c < p->nc; c++)
+		square[c] = gd_row(p->spread[c], y);
 	if (p->w < LANES) {
 		for (int x = x0; x < x1; x++)
-			single(p, m, feat, x, y - m->y, est);
+			single(p, m, feat, x, y - m->y, est, square);
 		return;
 	}
 	for (int start = x0; start < x1; start += LANES) {
@@ -95,9 +107,10 @@ static void predict_row(const struct gd_lwr_plan *p, const struct gd_lwr_model *
 		for (int l = 0; l < LANES; l++)
 			weight[l] = x + l >= start && x + l < x1 ? m->weight : 0;
 		for (; c + AT_ONCE <= p->ny; c += AT_ONCE)
-			group(p, m, feat, x, y - m->y, weight, c, AT_ONCE, est);
+			group(p, m, feat, x, y - m->y, weight, c, AT_ONCE, est,
+			      square);
 		for (; c < p->ny; c++)
-			group(p, m, feat, x, y - m->y, weight, c, 1, est);
+			group(p, m, feat, x, y - m->y, weight, c, 1, est, square);
 	}
 }
 
