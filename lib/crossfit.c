@@ -2,9 +2,8 @@
 #include "crossfit.h"
 
 #include "halves.h"
-#include "nlr.h"
+#include "pilot.h"
 
-#define PILOT_FEATURES	7	/* albedo, normal, depth: more cost time and did not lower the error */
 #define RIDGE		1e-4	/* of a column's spread: 1e-3 is as good, 1e-2 worse by 1 %, none by 6 % */
 #define FLAT		1e-5	/* of a feature's squared range, 0.3 % of the range: below is noise, not
 				 * shape; 1e-4 loses 5 % (texture), none 5 % (door: up to 22 %) */
@@ -22,16 +21,13 @@ struct stage {
 	struct model model[4];
 };
 
-#define NARROW	{ .window = 3, .patch = 1, .k = 0.8, .eps = 1e-6, .ridge = 1e-3 }
-#define WIDE	{ .window = 6, .patch = 2, .k = 0.5, .eps = 1e-6, .ridge = 1e-3 }
-
 static const struct stage with_feature[] = {
-	{ NARROW, 2, { { true, false, 10, 5, 1 }, { true, true, 10, 5, 1 } } },
-	{ WIDE, 2, { { true, true, 21, 8, 2 }, { true, false, 21, 8, 2 } } },
+	{ GD_PILOT_NARROW, 2, { { true, false, 10, 5, 1 }, { true, true, 10, 5, 1 } } },
+	{ GD_PILOT_WIDE, 2, { { true, true, 21, 8, 2 }, { true, false, 21, 8, 2 } } },
 };
 static const struct stage without_feature[] = {
-	{ NARROW, 2, { { false, true, 10, 5, 1 }, { false, true, 21, 8, 2 } } },
-	{ WIDE, 2, { { false, true, 7, 3, 0 }, { false, true, 21, 8, 2 } } },
+	{ GD_PILOT_NARROW, 2, { { false, true, 10, 5, 1 }, { false, true, 21, 8, 2 } } },
+	{ GD_PILOT_WIDE, 2, { { false, true, 7, 3, 0 }, { false, true, 21, 8, 2 } } },
 };
 #define STAGES 2
 
@@ -41,51 +37,8 @@ static const struct stage without_feature[] = {
  */
 struct work {
 	struct gd_plane pilot[3], sum[GD_APR_RHS], fit[GD_APR_RHS], weight;
-	int nscaled, scaled[PILOT_FEATURES];	/* features of in that a pilot may lean on */
+	struct gd_pilot_features scaled;
 };
-
-/* ---- the pilots ---- */
-
-/* The variance of a half's colour, as the distances of patches want it: smooth. */
-static int pilot_variance(struct gd_plane var[3], struct gd_plane spare,
-			  const struct gd_crossfit_in *in, int half, struct gd_err *err)
-{
-	double more = 1 / in->share[half], of_square = in->share[1 - half];
-
-	for (int c = 0; c < 3; c++) {
-#pragma omp parallel for schedule(static)
-		for (int y = 0; y < var[c].h; y++) {
-			const float *known = in->var[c].v ? gd_row(in->var[c], y) : NULL;
-			const float *a = gd_row(in->y[0][c], y);
-			const float *b = known ? a : gd_row(in->y[1][c], y);
-			float *to = gd_row(var[c], y);
-
-			for (int x = 0; x < var[c].w; x++) {
-				double d = (double)a[x] - (double)b[x];
-
-				to[x] = gd_halves_square(known ? more * (double)known[x] :
-							 of_square * d * d);
-			}
-		}
-	}
-	return gd_halves_smooth(var, 3, spare, in->var[0].v ? 3 : 7, err);
-}
-
-static int make_pilot(struct work *w, const struct gd_crossfit_in *in, int half,
-		      const struct gd_nlr_conf *conf, const struct gd_report *report,
-		      struct gd_err *err)
-{
-	struct gd_nlr_in nlr = { .nfeat = w->nscaled };
-	int rc = pilot_variance(w->fit, w->weight, in, half, err);
-
-	for (int c = 0; c < 3; c++) {
-		nlr.y[c] = nlr.guide[c] = in->y[half][c];
-		nlr.guide_var[c] = w->fit[c];
-	}
-	for (int i = 0; i < w->nscaled; i++)
-		nlr.feat[i] = in->feat[w->scaled[i]];
-	return rc == GD_OK ? gd_nlr_run(w->pilot, &nlr, conf, report, err) : rc;
-}
 
 /* ---- the regressions ---- */
 
@@ -147,7 +100,8 @@ static int run_stage(const struct gd_crossfit_out *out, struct work *w,
 		struct half to = { half ? w->sum : out->est, out->mse, half, result->models };
 		double start = gd_seconds(), pilot;
 
-		rc = make_pilot(w, in, gd_halves_other(in, half), &stage->pilot, NULL, err);
+		rc = gd_pilot_make(w->pilot, in, gd_halves_other(in, half), &w->scaled,
+				   &stage->pilot, w->fit, w->weight, err);
 		pilot = gd_seconds();
 		if (rc == GD_OK)
 			rc = fit_half(&to, w, in, stage->model, n, report, err);
@@ -165,7 +119,8 @@ static int run_stages(const struct gd_crossfit_out *out, struct work *w,
 {
 	const struct stage *stage = in->nfeature ? with_feature : without_feature;
 	int stages = conf->fast ? 1 : STAGES;
-	int rc = gd_halves_scale(w->scaled, &w->nscaled, in->feat, in->nfeat, PILOT_FEATURES, err);
+	int rc = gd_halves_scale(w->scaled.at, &w->scaled.n, in->feat, in->nfeat,
+				 GD_PILOT_FEATURES, err);
 
 	for (int i = 0; i < stages && rc == GD_OK; i++) {
 		gd_progress(report, "fitting", (double)i / stages);
