@@ -33,6 +33,7 @@ static int run_halves(struct denoise_job *job, struct gd_apr_frame *f, struct gd
 		      struct gd_denoise_result *result, const struct gd_report *report,
 		      struct gd_err *err)
 {
+	const bool lwr = job->conf->method == GD_DENOISE_LWR;
 	const bool in_place = job->layer_halves && job->source != NO_HALVES;
 	struct gd_plane made_est[GD_APR_RHS] = { 0 };
 	struct gd_crossfit_out out = { .est = in_place ? f->y : made_est, .mse = mse };
@@ -50,7 +51,8 @@ static int run_halves(struct denoise_job *job, struct gd_apr_frame *f, struct gd
 	if (rc == GD_OK && !in_place)
 		rc = gd_denoise_new_planes(made_est, f->ny, f->y[0], err);
 	if (rc == GD_OK)
-		rc = fit_crossfit(job, &out, in, result, report, err);
+		rc = lwr ? gd_denoise_lwr_halves(job, &out, in, result, report, err) :
+			   fit_crossfit(job, &out, in, result, report, err);
 	if (rc == GD_OK && !in_place)
 		gd_denoise_copy_planes(f->y, made_est, f->ny);
 	for (int c = 0; c < GD_APR_RHS; c++)
@@ -95,12 +97,14 @@ static int run_whole(struct denoise_job *job, struct gd_apr_frame *f, struct gd_
 		     struct gd_denoise_result *result, const struct gd_report *report,
 		     struct gd_err *err)
 {
+	const bool lwr = job->conf->method == GD_DENOISE_LWR_WHOLE;
 	struct gd_plane est[GD_APR_RHS] = { 0 };
 	double start = gd_seconds();
 	int rc = gd_denoise_new_planes(est, f->ny, f->y[0], err);
 
 	if (rc == GD_OK)
-		rc = fit_single(job, est, mse, f, result, report, err);
+		rc = lwr ? gd_denoise_lwr_whole(job, est, mse, f, result, report, err) :
+			   fit_single(job, est, mse, f, result, report, err);
 	if (rc == GD_OK)
 		gd_denoise_copy_planes(f->y, est, f->ny);
 	result->fit_seconds = gd_seconds() - start;

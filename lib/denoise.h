@@ -5,6 +5,8 @@
  *	several regressions on pilots, features and G-buffers (crossfit.h), the default: cross-fitted
  *	where the samples come in halves or bins
  *	one adaptive polynomial regression on all samples (apr_paper.h)
+ *	sparse linear predictions (lwrfit.h), cross-fitted alike
+ *	sparse linear predictions of all samples, as published (lwr.h)
  */
 #ifndef GD_DENOISE_H
 #define GD_DENOISE_H
@@ -14,17 +16,21 @@
 #include "apr_paper.h"
 #include "buffers.h"
 #include "crossfit.h"
+#include "lwr.h"
 #include "temporal.h"
 
 enum gd_denoise_method {
 	GD_DENOISE_CROSSFIT,	/* several regressions, of either half of the samples */
-	GD_DENOISE_SINGLE	/* one regression on all samples */
+	GD_DENOISE_SINGLE,	/* one regression on all samples */
+	GD_DENOISE_LWR,		/* linear predictions, of either half of the samples */
+	GD_DENOISE_LWR_WHOLE	/* linear predictions of all samples; noisy features as they are */
 };
 
 struct gd_denoise_conf {
 	enum gd_denoise_method method;
 	struct gd_apr_conf apr;		/* of the one regression, as are the spikes */
 	enum gd_apr_spike_mode spikes;
+	struct gd_lwr_conf lwr;		/* of the linear predictions */
 	bool sequence;			/* filter along time, too (temporal.h); needs P */
 	const struct gd_image *previous; /* with the state of the frame before, or NULL: the first */
 	struct gd_temporal_conf time;	/* of the filter along time */
@@ -37,7 +43,7 @@ struct gd_denoise_conf {
 	const char *layers;		/* to denoise along with the colour, or NULL */
 };
 #define GD_DENOISE_DEFAULTS ((struct gd_denoise_conf){ \
-	.apr = GD_APR_DEFAULTS, .spikes = GD_SPIKES_RETURN, \
+	.apr = GD_APR_DEFAULTS, .spikes = GD_SPIKES_RETURN, .lwr = GD_LWR_DEFAULTS, \
 	.time = GD_TEMPORAL_DEFAULTS, \
 	.features = "auto" })
 
@@ -70,8 +76,8 @@ int gd_denoise_want_neighbour(struct gd_image *other, const struct gd_image *im,
 
 /*
  * Replaces R G B (and the layers), adds error.* and, with several models, model.spread (with one
- * regression model.order and model.columns; with linear predictions model.radius, model.features
- * and model.centre; in a sequence state.* for the next frame), drops what was used. All outputs are finite.
+ * regression model.order and model.columns; with linear predictions model.radius, model.features,
+ * model.centre and, of halves, model.spread; in a sequence state.* for the next frame), drops what was used. All outputs are finite.
  * Halves hold equal shares of the samples but where the attribute gd:bins, or the bins they are
  * made of, are odd in number.
  * Layers that add up to the colour do so afterwards; those that come without halves or bins of

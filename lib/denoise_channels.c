@@ -42,7 +42,7 @@ static bool has_halves(const struct gd_image *im, const char *layer, int n)
 
 bool gd_denoise_crossfit(const struct denoise_job *job)
 {
-	return job->conf->method == GD_DENOISE_CROSSFIT;
+	return job->conf->method == GD_DENOISE_CROSSFIT || job->conf->method == GD_DENOISE_LWR;
 }
 
 bool gd_denoise_follows(const struct denoise_job *job)
@@ -281,6 +281,11 @@ static void mark(struct denoise_job *job)
 	}
 	if (gd_denoise_follows(job))
 		gd_layer_want(im, "P", GD_READ);
+	if (gd_denoise_crossfit(job)) {
+		gd_layer_want(im, "samples", GD_READ);
+		gd_layer_want(im, "half0.samples", GD_READ);
+		gd_layer_want(im, "half1.samples", GD_READ);
+	}
 	for (int i = 0; i < job->layers.n; i++) {
 		gd_layer_want(im, job->layers.name[i], GD_READ);
 		if (job->layer_halves && gd_denoise_crossfit(job))
@@ -355,6 +360,8 @@ void gd_denoise_release_used(struct denoise_job *job)
 	char name[256];
 
 	gd_denoise_release_variance(job->im, "");
+	gd_denoise_release(job->im, "half0.samples");
+	gd_denoise_release(job->im, "half1.samples");
 	if (gd_denoise_follows(job))
 		gd_denoise_release(job->im, "P");
 	for (int i = 0; i < job->features.n; i++) {

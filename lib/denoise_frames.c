@@ -36,18 +36,20 @@ static int add(struct denoise_frames *k, int i, const struct denoise_job *like, 
 	memcpy(frame->var, k->in.var, sizeof frame->var);
 	memcpy(frame->feat, k->in.feat, sizeof frame->feat);
 	memcpy(frame->feature, k->in.feature, sizeof frame->feature);
+	memcpy(frame->count, k->in.count, sizeof frame->count);
 	memcpy(frame->position, job->position, sizeof frame->position);
 	return rc;
 }
 
-/* Variances and positions are known of all frames, or they are taken to be known of none. */
+/* Variances, positions and counts are known of all frames, or taken to be known of none. */
 static void level(struct gd_crossfit_in *in, const struct gd_report *report)
 {
-	bool var = in->var[0].v, position = in->position[0].v;
+	bool var = in->var[0].v, position = in->position[0].v, count = in->count[0].v;
 
 	for (int i = 0; i < in->nframe; i++) {
 		var = var && in->frame[i].var[0].v;
 		position = position && in->frame[i].position[0].v;
+		count = count && in->frame[i].count[0].v;
 	}
 	if (!position)
 		gd_note(report, "without world positions (the layer P in all frames) nothing is "
@@ -58,6 +60,8 @@ static void level(struct gd_crossfit_in *in, const struct gd_report *report)
 		if (!position)
 			memset(i < 0 ? in->position : in->frame[i].position, 0,
 			       sizeof in->position);
+		if (!count)
+			memset(i < 0 ? in->count : in->frame[i].count, 0, sizeof in->count);
 	}
 }
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * One run of gd_denoise_run(), in parts: which channels (denoise_channels.c), their planes, mended
- * and as halves (denoise_load.c), the methods (denoise.c), and
+ * and as halves (denoise_load.c), the methods (denoise.c, denoise_lwr.c) and
  * sequences (denoise_frames.c, denoise_time.c).
  */
 #ifndef GD_DENOISE_JOB_H
@@ -92,6 +92,16 @@ int gd_denoise_frames(struct denoise_frames **frames, struct denoise_job *job,
 		      struct gd_crossfit_in *in, size_t *mended, const struct gd_report *report,
 		      struct gd_err *err);
 void gd_denoise_frames_free(struct denoise_frames *frames);
+
+/* ---- denoise_lwr.c ---- */
+
+/* Linear predictions of halves, and of all samples: into est and mse (3 planes). */
+int gd_denoise_lwr_halves(struct denoise_job *job, struct gd_crossfit_out *out,
+			  struct gd_crossfit_in *in, struct gd_denoise_result *result,
+			  const struct gd_report *report, struct gd_err *err);
+int gd_denoise_lwr_whole(struct denoise_job *job, struct gd_plane *est, struct gd_plane *mse,
+			 struct gd_apr_frame *f, struct gd_denoise_result *result,
+			 const struct gd_report *report, struct gd_err *err);
 
 /* ---- denoise_time.c ---- */
 

@@ -2,12 +2,15 @@
 /* Planes of the channels chosen: views, copies where they are to stay, halves, mended. */
 #include "denoise_job.h"
 
+#include <float.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "apr_prep.h"
 
-/* Features and their variances, both halves of what is denoised; colour variances, positions. */
+/* Features and their variances, both halves of what is denoised; colour variances, positions,
+ * counts. */
 #define COPIES (2 * GD_APR_FEATURES + 2 * GD_APR_RHS + 16)
 
 int gd_denoise_new_planes(struct gd_plane *p, int n, struct gd_plane like, struct gd_err *err)
@@ -191,6 +194,57 @@ static int fill_halves(struct denoise_job *job, struct gd_crossfit_in *in, size_
 	return rc;
 }
 
+/* Whether samples differ between pixels, by more than rounding. */
+static bool uneven(struct gd_plane p)
+{
+	float low = gd_row(p, 0)[0], high = low;
+
+	for (int y = 0; y < p.h; y++)
+		for (int x = 0; x < p.w; x++) {
+			low = fminf(low, gd_row(p, y)[x]);
+			high = fmaxf(high, gd_row(p, y)[x]);
+		}
+	return high - low > 1e-5f * high;
+}
+
+/* What is no number, or below 0, is no sample. */
+static void scale_count(struct gd_plane p, double scale)
+{
+	for (int y = 0; y < p.h; y++) {
+		float *v = gd_row(p, y);
+
+		for (int x = 0; x < p.w; x++)
+			v[x] = v[x] > 0 && v[x] < FLT_MAX ? (float)(scale * (double)v[x]) : 0;
+	}
+}
+
+/*
+ * Samples of either half, where they differ between pixels: the channels half0.samples and
+ * half1.samples, or the half's share of the channel samples.
+ */
+static int fill_count(struct denoise_job *job, struct gd_crossfit_in *in, struct gd_err *err)
+{
+	struct gd_plane count[2];
+	bool apart = !in->self && gd_image_plane(job->im, "half0.samples", &count[0]) &&
+		     gd_image_plane(job->im, "half1.samples", &count[1]);
+	int rc = GD_OK;
+
+	if (!apart) {
+		if (!gd_image_plane(job->im, "samples", &count[0]))
+			return GD_OK;
+		count[1] = count[0];
+	}
+	if (!uneven(count[0]) && !uneven(count[1]))
+		return GD_OK;
+	for (int h = 0; h < (in->self ? 1 : 2) && rc == GD_OK; h++) {
+		rc = copy(job, &count[h], err);
+		if (rc == GD_OK)
+			scale_count(count[h], apart || in->self ? 1 : job->share[h]);
+		in->count[h] = count[h];
+	}
+	return rc;
+}
+
 /* Mends and filters what both halves share, into in; feature variances are done with then. */
 int gd_denoise_halves(struct denoise_job *job, struct gd_apr_frame *f, struct gd_crossfit_in *in,
 		      float *made[3], size_t *mended, const struct gd_report *report,
@@ -220,7 +274,7 @@ int gd_denoise_halves(struct denoise_job *job, struct gd_apr_frame *f, struct gd
 	memcpy(in->feat, f->feat, sizeof in->feat);
 	memcpy(in->var, f->var, sizeof in->var);
 	memcpy(in->share, job->share, sizeof in->share);
-	return rc;
+	return rc == GD_OK ? fill_count(job, in, err) : rc;
 }
 
 int gd_denoise_position(struct denoise_job *job, size_t *mended, struct gd_err *err)

@@ -20,7 +20,7 @@ run_one() {
 	gdmerge) own=. ;;
 	gdsolve) own='^[RGB]$' ;;
 	gdbag | gdfeature) own='(^|half[01].)feature' ;;
-	gdapr) own='^[RGB]$|^error|^model' ;;
+	gdapr | gdlwr) own='^[RGB]$|^error|^model|^state' ;;
 	esac
 	rm -f "$name.exr"
 	"$@" -q --compression none -o "$name.exr" 2>stderr || status=$?
@@ -45,6 +45,11 @@ pipeline() {
 	run_one clean gdapr feature.exr
 	run_one paper gdapr --paper feature.exr
 	run_one plain gdapr in.exr
+	for m in "" --dense --paper; do
+		# shellcheck disable=SC2086
+		run_one linear gdlwr $m feature.exr
+	done
+	run_one plain gdlwr in.exr
 }
 
 @test "sizes from 1x1 to primes" {
@@ -97,8 +102,8 @@ pipeline() {
 	pipeline
 }
 
-@test "features: constant, collinear, offset by 1e8" {
-	for c in constant-albedo constant-features collinear-features offset-z; do
+@test "features: constant, collinear, masks, offset by 1e8" {
+	for c in constant-albedo constant-features collinear-features offset-z wide-offset masks; do
 		mkgd in.exr 17 13 $c
 		pipeline
 	done
@@ -119,6 +124,8 @@ pipeline() {
 		for m in ols l2 l1; do run_one $m gdsolve -m $m in.exr; done
 		run_one clean gdapr in.exr
 		run_one paper gdapr --paper in.exr
+		run_one linear gdlwr in.exr
+		run_one linear gdlwr --paper in.exr
 		for tool in gdbag gdfeature; do
 			code=0
 			run_one out $tool in.exr || code=$?
@@ -136,15 +143,17 @@ pipeline() {
 		[ ! -e out.exr ]
 	done
 	mkgd in.exr 9 7 drop=G
-	for tool in gdapr "gdsolve -m l2"; do
+	for tool in gdapr gdlwr "gdsolve -m l2"; do
 		# shellcheck disable=SC2086
 		run -2 --separate-stderr $tool in.exr -o out.exr
 		[ -z "$output" ] && [ "${#stderr_lines[@]}" -eq 1 ] && [[ $stderr == "${tool%% *}: in.exr: "*"channel"*G* ]]
 	done
 	mkgd in.exr 9 7 drop=albedo drop=N drop=Z drop=dx drop=dy drop=bin
 	run_one clean gdapr in.exr
+	run_one clean gdlwr in.exr
 	mkgd in.exr 9 7 drop=albedo drop=N drop=Z drop=dx drop=dy drop=bin drop=variance
 	run_one clean gdapr in.exr
+	run_one clean gdlwr in.exr
 }
 
 @test "a scaled input gives the scaled output" {
@@ -157,7 +166,7 @@ pipeline() {
 			run_one b1 gdsolve -m $m b.exr
 			gdcheck a1.exr b1.exr 1e-3 $scale || { echo "gdsolve -m $m, scale $scale"; return 1; }
 		done
-		for tool in "gdapr --paper" gdapr; do
+		for tool in "gdapr --paper" gdapr gdlwr "gdlwr --dense" "gdlwr --paper"; do
 			# shellcheck disable=SC2086
 			for f in a b; do
 				run_one ${f}1 $tool $f.exr
@@ -186,7 +195,8 @@ pipeline() {
 	mkgd in.exr 67 41
 	gdfeature in.exr -o feature.exr
 	for tool in "gdsolve -m l1 in.exr" "gdsolve -m wls in.exr" "gdbag in.exr" "gdfeature in.exr" "gdapr feature.exr" \
-			"gdapr --paper feature.exr" "gdapr in.exr" "gdmerge in.exr in.exr"; do
+			"gdapr --paper feature.exr" "gdapr in.exr" "gdmerge in.exr in.exr" "gdlwr feature.exr" "gdlwr in.exr" \
+			"gdlwr --dense feature.exr" "gdlwr --paper feature.exr"; do
 		for j in 1 2 7; do
 			# shellcheck disable=SC2086
 			$tool -j $j -o out.exr
@@ -200,7 +210,7 @@ pipeline() {
 @test "a full device is named, a closed pipe is no news" {
 	mkgd in.exr 67 41
 	gdfeature in.exr -o feature.exr
-	for tool in "gdmerge in.exr" "gdsolve in.exr" "gdbag in.exr" "gdfeature in.exr" "gdapr feature.exr"; do
+	for tool in "gdmerge in.exr" "gdsolve in.exr" "gdbag in.exr" "gdfeature in.exr" "gdapr feature.exr" "gdlwr feature.exr"; do
 		# shellcheck disable=SC2086
 		run -2 --separate-stderr $tool -o /dev/full
 		[ "${#stderr_lines[@]}" -eq 1 ] && [[ $stderr == "${tool%% *}: "*"No space left on device"* ]]
@@ -212,7 +222,7 @@ pipeline() {
 }
 
 @test "an output that is an input" {
-	for tool in gdmerge gdsolve gdbag gdfeature gdapr; do
+	for tool in gdmerge gdsolve gdbag gdfeature gdapr gdlwr; do
 		mkgd in.exr 23 19
 		$tool in.exr -o want.exr
 		$tool in.exr -o in.exr
@@ -228,7 +238,7 @@ pipeline() {
 	head -c 3000 in.exr >cut.exr
 	: >empty.exr
 	head -c 5000 "$root/tests/run" >text.exr
-	for tool in gdmerge gdsolve gdbag gdfeature gdapr; do
+	for tool in gdmerge gdsolve gdbag gdfeature gdapr gdlwr; do
 		for f in cut empty text; do
 			run -2 --separate-stderr bash -c "cat $f.exr | $tool -o out.exr"
 			[ -z "$output" ] && [ "${#stderr_lines[@]}" -eq 1 ] && [ ! -e out.exr ]
@@ -237,6 +247,38 @@ pipeline() {
 		done
 	done
 	[ "$(find . -name '*.exr*' | wc -l)" -eq 4 ]
+}
+
+@test "sequences of hostile frames" {
+	mkgd good.exr 17 13 position=1
+	run_one before gdlwr --state good.exr
+	for c in black negative denormal firefly nan all-nan inf inf-variance zero-variance offset-z; do
+		mkgd in.exr 17 13 position=1 $c
+		for m in "" --paper; do
+			# shellcheck disable=SC2086
+			run_one state gdlwr $m --state in.exr
+			run_one after gdlwr $m --previous state.exr good.exr
+			run_one after gdlwr $m --previous before.exr in.exr
+		done
+		run_one clean gdapr in.exr --neighbours good.exr
+		run_one clean gdapr good.exr --neighbours in.exr in.exr
+	done
+	for size in "1 1" "1 23" "23 1" "3 5"; do
+		# shellcheck disable=SC2086
+		mkgd in.exr $size position=1
+		run_one state gdlwr --state in.exr
+		run_one after gdlwr --previous state.exr in.exr
+		run_one clean gdapr in.exr --neighbours in.exr
+	done
+	mkgd in.exr 67 41 position=1
+	for j in 1 2 7; do
+		gdlwr --state -j $j in.exr -o state.exr
+		gdlwr --previous state.exr -j $j in.exr -o out.exr
+		perl "$root/tests/support/pixels.pl" out.exr >$j.raw
+		gdapr -j $j in.exr -o out.exr --neighbours in.exr in.exr
+		perl "$root/tests/support/pixels.pl" out.exr >>$j.raw
+	done
+	cmp 1.raw 2.raw && cmp 1.raw 7.raw
 }
 
 @test "gdrelmse counts what is not finite and never hides it" {

@@ -4,7 +4,8 @@
  *	mkgd OUT.exr WIDTH HEIGHT [NAME=VALUE ...] [CASE ...]
  * bins=8 (0: variances without bins), seed=1, scale=1 (of radiance), type=float or half,
  * turn=x, y (mirrored) or t (transposed: WIDTH and HEIGHT are those of the result), drop=PREFIX (channels to
- * leave out). Noise is a function of seed, channel, bin and the pixel before turning.
+ * leave out), position=1 (world positions, too; of the cases those after it spoil them, too). Noise is a
+ * function of seed, channel, bin and the pixel before turning.
  * Cases: see spoil().
  */
 #include <math.h>
@@ -221,6 +222,24 @@ static double offset(double v, int x, int y, int w, int h)
 	return v + 1e8;
 }
 
+static double wide_offset(double v, int x, int y, int w, int h)	/* a thousandth of it varies */
+{
+	(void)x; (void)y; (void)w; (void)h;
+	return 1e8 + 1e5 * v;
+}
+
+static double mask(double v, int x, int y, int w, int h)
+{
+	(void)x; (void)y; (void)w; (void)h;
+	return v > 0.35;
+}
+
+static double dots(double v, int x, int y, int w, int h)	/* lone pixels */
+{
+	(void)v; (void)w; (void)h;
+	return x % 7 == 3 && y % 5 == 2;
+}
+
 static bool is_variance(const char *name)
 {
 	return strstr(name, "variance");
@@ -266,6 +285,7 @@ static bool spoil(struct gd_image *im, const char *what)
 		{"negative", "", negative},
 		{"constant-albedo", "albedo", constant},
 		{"offset-z", "Z", offset},
+		{"wide-offset", "N.", wide_offset},
 		{"nan-albedo", "albedo.G", one_nan},
 		{"inf-n", "N.X", one_inf},
 	};
@@ -290,6 +310,9 @@ static bool spoil(struct gd_image *im, const char *what)
 	} else if (!strcmp(what, "constant-features")) {
 		for (int i = 0; i < 3; i++)
 			each(im, features[i], constant);
+	} else if (!strcmp(what, "masks")) {
+		each(im, "albedo", mask);
+		each(im, "Z", dots);
 	} else if (!strcmp(what, "collinear-features")) {
 		same_as(im, "albedo.G", "albedo.R", 1);
 		same_as(im, "albedo.B", "albedo.R", 3);
@@ -298,6 +321,25 @@ static bool spoil(struct gd_image *im, const char *what)
 	} else
 		return false;
 	return true;
+}
+
+/* World positions of a wall with a step. */
+static int add_position(struct gd_image *im, struct gd_err *err)
+{
+	struct gd_plane p[3];
+	int rc = gd_image_add(im, "P.X", &p[0], err);
+
+	if (rc == GD_OK)
+		rc = gd_image_add(im, "P.Y", &p[1], err);
+	if (rc == GD_OK)
+		rc = gd_image_add(im, "P.Z", &p[2], err);
+	for (int y = 0; rc == GD_OK && y < im->h; y++)
+		for (int x = 0; x < im->w; x++) {
+			gd_row(p[0], y)[x] = 0.1f * (float)x;
+			gd_row(p[1], y)[x] = 0.1f * (float)y;
+			gd_row(p[2], y)[x] = x > 5 && y > 3 ? 3 : 2;
+		}
+	return rc;
 }
 
 /* Rounds to the nearest half; too large is infinite, below the smallest normal it is steps of 2^-24. */
@@ -391,7 +433,9 @@ int main(int argc, char **argv)
 	s.draws = s.bins ? s.bins : 8;
 	rc = build(&im, &s, &err);
 	for (int i = 4; i < argc && rc == GD_OK; i++) {
-		if (starts(argv[i], "drop="))
+		if (starts(argv[i], "position="))
+			rc = add_position(&im, &err);
+		else if (starts(argv[i], "drop="))
 			gd_image_drop_if(&im, starts, argv[i] + 5);
 		else if (!strchr(argv[i], '=') && !spoil(&im, argv[i]))
 			rc = gd_fail(&err, GD_EARG, "no case %s", argv[i]);
