@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "crossfit.h"
 
+#include "gather.h"
 #include "halves.h"
 #include "pilot.h"
 
@@ -78,6 +79,8 @@ static int fit_half(const struct half *to, struct work *w, const struct gd_cross
 {
 	int rc = gd_halves_weight(w->weight, w->pilot, err);
 
+	if (rc == GD_OK)
+		gd_halves_weigh_count(w->weight, in, to->half);
 	for (int i = 0; i < n && rc == GD_OK; i++) {
 		bool first = to->done + i + to->half == 0;	/* says once what holds for all */
 
@@ -157,19 +160,13 @@ static int new_work(struct work *w, const struct gd_crossfit_in *in, struct gd_e
 	return rc;
 }
 
-int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in,
-		    const struct gd_crossfit_conf *conf, struct gd_crossfit_result *result,
-		    const struct gd_report *report, struct gd_err *err)
+static int run(const struct gd_crossfit_out *out, const struct gd_crossfit_in *in,
+	       const struct gd_crossfit_conf *conf, struct gd_crossfit_result *result,
+	       const struct gd_report *report, struct gd_err *err)
 {
 	struct work w = { 0 };
-	int rc = gd_halves_check(in, err);
+	int rc = new_work(&w, in, err);
 
-	*result = (struct gd_crossfit_result){ .gain = 1 };
-	if (rc != GD_OK)
-		return rc;
-	rc = gd_halves_cut(in, err);
-	if (rc == GD_OK)
-		rc = new_work(&w, in, err);
 	if (rc == GD_OK) {
 		gd_halves_clear(out->est, gd_halves_nest(in));
 		gd_halves_clear(w.sum, in->self ? 0 : gd_halves_nest(in));
@@ -182,5 +179,28 @@ int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in
 	gd_halves_free(&w.weight, 1);
 	gd_halves_free(w.sum, GD_APR_RHS);
 	gd_halves_free(w.fit, GD_APR_RHS);
+	return rc;
+}
+
+int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in,
+		    const struct gd_crossfit_conf *conf, struct gd_crossfit_result *result,
+		    const struct gd_report *report, struct gd_err *err)
+{
+	struct gd_plane count[2] = { { 0 } };
+	double start = gd_seconds();
+	int rc = gd_halves_check(in, err);
+
+	*result = (struct gd_crossfit_result){ .gain = 1 };
+	if (rc == GD_OK)
+		rc = gd_halves_cut(in, err);
+	if (rc == GD_OK) {
+		struct gd_crossfit_in all = *in;	/* of which the counts are ours */
+
+		rc = gd_gather(&all, count, report, err);
+		result->gather_seconds = gd_seconds() - start;
+		if (rc == GD_OK)
+			rc = run(out, &all, conf, result, report, err);
+	}
+	gd_halves_free(count, 2);
 	return rc;
 }

@@ -90,7 +90,7 @@ struct gd_crossfit_out {
 
 struct gd_crossfit_result {
 	int models;			/* regressions averaged, of either half */
-	double pilot_seconds, fit_seconds;
+	double gather_seconds, pilot_seconds, fit_seconds;	/* gather: fireflies, other frames */
 	double gain; /* 1 + a above: what the brightest pixels are multiplied by */
 };
 

@@ -67,6 +67,9 @@ int gd_halves_check(struct gd_crossfit_in *in, struct gd_err *err)
 			       "and 4", in->nfeat, in->nfeature, GD_CROSSFIT_FEATURES);
 	if (in->self && (!in->var[0].v || in->nwhole))
 		return gd_fail(err, GD_EARG, "no halves: the variance of the colour is needed");
+	if (in->nframe < 0 || in->nframe > GD_CROSSFIT_FRAMES)
+		return gd_fail(err, GD_EARG, "%d other frames, at most %d", in->nframe,
+			       GD_CROSSFIT_FRAMES);
 	if (in->share[0] == 0 && in->share[1] == 0)
 		in->share[0] = in->share[1] = 0.5;
 	if (!(in->share[0] > 0 && in->share[1] > 0 &&
@@ -183,7 +186,8 @@ static void times_pixel(const struct gd_plane *p, int n, int x, int y, double ti
 /* Cuts pixel x, y of one half, all its planes alike; the image of all samples loses its share. */
 static void cut_firefly(struct gd_crossfit_in *in, int half, int x, int y, double limit)
 {
-	double here = gd_halves_luminance(in->y[half], x, y), share = in->share[half];
+	double here = gd_halves_luminance(in->y[half], x, y);
+	double share = gd_halves_share(in, half, x, y);
 	double other = in->nwhole ? gd_halves_luminance(in->y[1 - half], x, y) : 0;
 	double times = limit / here, rest = (1 - share) * other;
 
@@ -192,7 +196,8 @@ static void cut_firefly(struct gd_crossfit_in *in, int half, int x, int y, doubl
 		    (share * limit + rest) / (share * here + rest));
 }
 
-int gd_halves_cut(struct gd_crossfit_in *in, struct gd_err *err)
+/* Cuts those of one frame. */
+static int cut_frame(struct gd_crossfit_in *in, struct gd_err *err)
 {
 	double level = 0;
 
@@ -223,6 +228,20 @@ int gd_halves_cut(struct gd_crossfit_in *in, struct gd_err *err)
 	return GD_OK;
 }
 
+int gd_halves_cut(struct gd_crossfit_in *in, struct gd_err *err)
+{
+	struct gd_crossfit_in other = *in;	/* planes are borrowed */
+	int rc = cut_frame(in, err);
+
+	for (int k = 0; k < in->nframe && rc == GD_OK; k++) {
+		memcpy(other.y, in->frame[k].y, sizeof other.y);
+		memcpy(other.whole, in->frame[k].whole, sizeof other.whole);
+		memcpy(other.count, in->frame[k].count, sizeof other.count);
+		rc = cut_frame(&other, err);
+	}
+	return rc;
+}
+
 int gd_halves_weight(struct gd_plane weight, const struct gd_plane *rgb, struct gd_err *err)
 {
 	double level, dark;
@@ -239,6 +258,40 @@ int gd_halves_weight(struct gd_plane weight, const struct gd_plane *rgb, struct 
 			gd_row(weight, y)[x] = (float)(1 / (1 + fmin(l * l, 1e30)));
 		}
 	return GD_OK;
+}
+
+/* The mean of a plane's values, in the order of rows. */
+static double mean_of(struct gd_plane p)
+{
+	double sum = 0;
+
+	for (int y = 0; y < p.h; y++) {
+		double row = 0;
+
+		for (int x = 0; x < p.w; x++)
+			row += (double)gd_row(p, y)[x];
+		sum += row;
+	}
+	return sum / ((double)p.w * p.h);
+}
+
+void gd_halves_weigh_count(struct gd_plane weight, const struct gd_crossfit_in *in, int half)
+{
+	struct gd_plane count = in->count[half];
+	double mean, least;
+
+	if (!count.v)
+		return;
+	mean = mean_of(count);
+	mean = mean > 0 ? mean : 1;
+	least = 1e-6 * mean;
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < weight.h; y++)
+		for (int x = 0; x < weight.w; x++) {
+			double n = fmax((double)gd_row(count, y)[x], least) / mean;
+
+			gd_row(weight, y)[x] = (float)((double)gd_row(weight, y)[x] * n);
+		}
 }
 
 /* ---- what comes out ---- */
@@ -265,9 +318,10 @@ void gd_halves_add(const struct gd_plane *mean, const struct gd_plane *square,
 	}
 }
 
-/* Sum of the colour of an image, and whether nothing in it is negative. */
-static double total(const struct gd_plane *rgb, bool *negative)
+/* Sum of a half's colour, times its share of the samples, and whether nothing in it is negative. */
+static double total(const struct gd_crossfit_in *in, int half, bool *negative)
 {
+	const struct gd_plane *rgb = in->y[half];
 	double sum = 0;
 
 	for (int c = 0; c < 3; c++)
@@ -275,12 +329,14 @@ static double total(const struct gd_plane *rgb, bool *negative)
 			double row = 0;
 
 			for (int x = 0; x < rgb[c].w; x++) {
-				row += (double)gd_row(rgb[c], y)[x];
-				*negative = *negative || gd_row(rgb[c], y)[x] < 0;
+				double v = (double)gd_row(rgb[c], y)[x];
+
+				row += in->count[0].v && !in->self ? gd_halves_share(in, half, x, y) * v : v;
+				*negative = *negative || v < 0;
 			}
 			sum += row;
 		}
-	return sum;
+	return in->self || in->count[0].v ? sum : in->share[half] * sum;
 }
 
 /* Degrees of freedom of the squared distances that gd_halves_add() left. */
@@ -313,33 +369,45 @@ void gd_halves_spread(struct gd_plane spread, const struct gd_plane *square,
 		}
 }
 
+/* The share of half 0 around each pixel, into share. */
+static int local_share(struct gd_plane share, const struct gd_crossfit_in *in,
+		       struct gd_plane spare, struct gd_err *err)
+{
+	for (int y = 0; y < share.h; y++)
+		for (int x = 0; x < share.w; x++)
+			gd_row(share, y)[x] = (float)gd_halves_share(in, 0, x, y);
+	return gd_halves_smooth(&share, 1, spare, 9, err);
+}
+
 /*
  * est and mse from the means of the halves: est holds the first, other the second, mse a measure of
- * the bias, bias times which is taken for the square of it. clip: nothing below 0.
+ * the bias, bias times which is taken for the square of it. share: of half 0 around each pixel, v =
+ * NULL: as in has it. clip: nothing below 0.
  */
-static int join(const struct gd_crossfit_out *out, const struct gd_plane *other, int n,
-		const double share[2], double bias, bool clip, struct gd_plane spare,
-		struct gd_err *err)
+static void join(const struct gd_crossfit_out *out, const struct gd_plane *other,
+		 const struct gd_crossfit_in *in, struct gd_plane share, double bias, bool clip)
 {
-	for (int c = 0; c < n; c++) {
+	for (int c = 0; c < gd_halves_nest(in); c++) {
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < other[c].h; y++) {
 			const float *b = gd_row(other[c], y);	/* a again, where there are no halves */
+			const float *s = share.v ? gd_row(share, y) : NULL;
 			float *a = gd_row(out->est[c], y);
 			float *m = c < 3 ? gd_row(out->mse[c], y) : NULL;
 
 			for (int x = 0; x < other[c].w; x++) {
+				double s0 = s ? (double)s[x] : in->share[0];
+				double s1 = s ? 1 - s0 : in->share[1];
 				double d = (double)a[x] - (double)b[x];
-				double e = share[0] * (double)a[x] + share[1] * (double)b[x];
+				double e = s0 * (double)a[x] + s1 * (double)b[x];
 
 				a[x] = clip && e < 0 ? 0 : gd_halves_float(e);
 				if (m)
-					m[x] = gd_halves_square(share[0] * share[1] * d * d +
+					m[x] = gd_halves_square(s0 * s1 * d * d +
 								bias * (double)m[x]);
 			}
 		}
 	}
-	return gd_halves_smooth(out->mse, 3, spare, 5, err);
 }
 
 /*
@@ -393,13 +461,25 @@ int gd_halves_finish(const struct gd_crossfit_out *out, const struct gd_plane *o
 		     const struct gd_crossfit_in *in, double bias, struct gd_plane spare,
 		     double *gain, struct gd_err *err)
 {
-	int n = gd_halves_nest(in), rc;
+	struct gd_plane share = { 0 };
 	bool negative = false;
 	double sum = 0;
+	int n = gd_halves_nest(in), rc = GD_OK;
 
-	for (int half = 0; half < gd_halves_count(in); half++)
-		sum += (in->self ? 1 : in->share[half]) * total(in->y[half], &negative);
-	rc = join(out, other, n, in->share, bias, !negative && n == 3, spare, err);
 	*gain = 1;
-	return rc == GD_OK ? keep_mean(out->est, n, sum, gain, err) : rc;
+	for (int half = 0; half < gd_halves_count(in); half++)
+		sum += total(in, half, &negative);
+	if (in->count[0].v && !in->self) {
+		rc = gd_halves_planes(&share, 1, out->est[0], err);
+		if (rc == GD_OK)
+			rc = local_share(share, in, spare, err);
+	}
+	if (rc == GD_OK) {
+		join(out, other, in, share, bias, !negative && n == 3);
+		rc = gd_halves_smooth(out->mse, 3, spare, 5, err);
+	}
+	if (rc == GD_OK)
+		rc = keep_mean(out->est, n, sum, gain, err);
+	gd_halves_free(&share, 1);
+	return rc;
 }

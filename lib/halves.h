@@ -4,10 +4,10 @@
  * they fit (crossfit.h, lwrfit.h): what goes in is made fit to use, pixels are weighed, the fits of
  * a half are averaged, and the halves joined to an image with its error.
  *
- * The order of calls: gd_halves_check(), gd_halves_cut(), gd_halves_scale(); for either half
- * gd_halves_weight() from what explains it, the fits, gd_halves_add() for each; at last
- * gd_halves_spread() and gd_halves_finish(). Planes are of one size; nothing depends on the number of
- * threads.
+ * The order of calls: gd_halves_check(), gd_halves_cut(), gd_gather() of gather.h for other frames,
+ * gd_halves_scale(); for either half gd_halves_weight() from what explains it and
+ * gd_halves_weigh_count(), the fits, gd_halves_add() for each; at last gd_halves_spread() and
+ * gd_halves_finish(). Planes are of one size; nothing depends on the number of threads.
  */
 #ifndef GD_HALVES_H
 #define GD_HALVES_H
@@ -79,7 +79,7 @@ int gd_halves_check(struct gd_crossfit_in *in, struct gd_err *err);
 /*
  * Cuts, in place, fireflies that would blind whole windows: pixels of a half a thousand times
  * brighter than the image and than what the other half (in->self: the neighbours) has there. All
- * planes of the half take it alike, and those of whole lose the half's share.
+ * planes of the half take it alike, and those of whole lose the half's share. In other frames, too.
  */
 int gd_halves_cut(struct gd_crossfit_in *in, struct gd_err *err);
 
@@ -100,6 +100,25 @@ int gd_halves_level(double *level, const struct gd_plane *rgb, struct gd_err *er
  * half.
  */
 int gd_halves_weight(struct gd_plane weight, const struct gd_plane *rgb, struct gd_err *err);
+
+/*
+ * weight *= the samples that `half` has in a pixel, where that differs (in->count): as many
+ * observations. Known before any noise is drawn, so that no bias comes of it. A pixel without
+ * samples counts 1e-6 of the mean: its value is of no use, but every window has to know one.
+ */
+void gd_halves_weigh_count(struct gd_plane weight, const struct gd_crossfit_in *in, int half);
+
+/* The share of a pixel's samples that `half` holds. */
+static inline double gd_halves_share(const struct gd_crossfit_in *in, int half, int x, int y)
+{
+	double n[2];
+
+	if (!in->count[0].v)
+		return in->share[half];
+	for (int h = 0; h < 2; h++)
+		n[h] = (double)gd_row(in->count[h], y)[x];
+	return n[0] + n[1] > 0 ? n[half] / (n[0] + n[1]) : 0.5;
+}
 
 /* ---- what comes out ---- */
 
@@ -125,8 +144,8 @@ double gd_halves_disagree(const struct gd_crossfit_in *in, int models);
  * Makes the result of the halves: out->est holds the mean fit of half 0 and becomes the estimate,
  * other is that of half 1 (in->self: out->est again). out->mse holds a measure of the squared bias
  * (a square of gd_halves_add(), a window's error, or 0), and becomes the error of the estimate:
- * share_0 share_1 (difference of the halves)^2, which is what their noise makes of the mean, and
- * `bias` times what it held; smoothed over 5x5 pixels. At last what the fits took from the mean of
+ * share_0 share_1 (difference of the halves)^2, which is what their noise makes of the mean (shares:
+ * in->share, or of in->count in 9x9 pixels, as a window's fit knows them), and `bias` times what it held; smoothed over 5x5 pixels. At last what the fits took from the mean of
  * the image is given back: *gain as in struct gd_crossfit_result, 1 where nothing was.
  * in: as it was fitted; spare: one plane. out->spread is not touched.
  */

@@ -7,8 +7,6 @@
 static int pilot_variance(struct gd_plane var[3], struct gd_plane spare,
 			  const struct gd_crossfit_in *in, int half, struct gd_err *err)
 {
-	double more = 1 / in->share[half], of_square = in->share[1 - half];
-
 	for (int c = 0; c < 3; c++) {
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < var[c].h; y++) {
@@ -19,9 +17,10 @@ static int pilot_variance(struct gd_plane var[3], struct gd_plane spare,
 
 			for (int x = 0; x < var[c].w; x++) {
 				double d = (double)a[x] - (double)b[x];
+				double share = gd_halves_share(in, half, x, y);
 
-				to[x] = gd_halves_square(known ? more * (double)known[x] :
-							 of_square * d * d);
+				to[x] = gd_halves_square(known ? 1 / share * (double)known[x] :
+							 (1 - share) * d * d);
 			}
 		}
 	}
@@ -32,7 +31,7 @@ int gd_pilot_make(const struct gd_plane pilot[3], const struct gd_crossfit_in *i
 		  const struct gd_pilot_features *features, const struct gd_nlr_conf *conf,
 		  struct gd_plane var[3], struct gd_plane spare, struct gd_err *err)
 {
-	struct gd_nlr_in nlr = { .nfeat = features->n };
+	struct gd_nlr_in nlr = { .nfeat = features->n, .weight = in->count[half] };
 	int rc = pilot_variance(var, spare, in, half, err);
 
 	for (int c = 0; c < 3; c++) {

@@ -1,0 +1,238 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "camera.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SAMPLES	48	/* per axis */
+#define ROUNDS	6	/* of weighing by how far off points are */
+#define SWEEPS	30	/* of rotations: quadratic convergence takes fewer than 10 */
+#define N	12	/* unknowns */
+
+/* Points and pixels about 0 and of size 1, in which sums do not cancel. */
+struct frame {
+	double at[3], scale;	/* of the points: (p - at) * scale */
+	double cx, cy, half;	/* of the pixels */
+};
+
+struct point {
+	double p[4], x, y, weight;
+};
+
+static bool usable(const double p[3])
+{
+	return isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]) &&
+	       (p[0] != 0 || p[1] != 0 || p[2] != 0);
+}
+
+/* Pixels spread evenly that show a surface. Returns how many. */
+static int collect(struct point *point, const struct gd_plane position[3])
+{
+	int w = position[0].w, h = position[0].h;
+	int nx = w < SAMPLES ? w : SAMPLES, ny = h < SAMPLES ? h : SAMPLES, n = 0;
+
+	for (int j = 0; j < ny; j++)
+		for (int i = 0; i < nx; i++) {
+			int x = (int)((2 * (long)i + 1) * w / (2 * nx));
+			int y = (int)((2 * (long)j + 1) * h / (2 * ny));
+			struct point *to = point + n;
+
+			for (int c = 0; c < 3; c++)
+				to->p[c] = (double)gd_row(position[c], y)[x];
+			to->p[3] = to->weight = 1;
+			to->x = x;
+			to->y = y;
+			n += usable(to->p);
+		}
+	return n;
+}
+
+static int compare(const void *a, const void *b)
+{
+	double x = *(const double *)a, y = *(const double *)b;
+
+	return (x > y) - (x < y);
+}
+
+static double median(double *v, int n)
+{
+	qsort(v, (size_t)n, sizeof *v, compare);
+	return v[n / 2];
+}
+
+static void normalise(struct frame *f, struct point *point, int n, int w, int h, double *spare)
+{
+	double size = 0;
+
+	for (int c = 0; c < 3; c++) {
+		for (int i = 0; i < n; i++)
+			spare[i] = point[i].p[c];
+		f->at[c] = median(spare, n);
+		for (int i = 0; i < n; i++)
+			spare[i] = fabs(point[i].p[c] - f->at[c]);
+		size = fmax(size, median(spare, n));
+	}
+	f->scale = size > 0 ? 1 / size : 1;
+	f->cx = 0.5 * (w - 1);
+	f->cy = 0.5 * (h - 1);
+	f->half = 0.5 * (w > h ? w : h);
+	for (int i = 0; i < n; i++) {
+		for (int c = 0; c < 3; c++)
+			point[i].p[c] = (point[i].p[c] - f->at[c]) * f->scale;
+		point[i].x = (point[i].x - f->cx) / f->half;
+		point[i].y = (point[i].y - f->cy) / f->half;
+	}
+}
+
+/* Sums of squares of the equations m0 p - x m2 p = 0, m1 p - y m2 p = 0. */
+static void normal_matrix(double a[N][N], const struct point *point, int n)
+{
+	memset(a, 0, sizeof(double[N][N]));
+	for (int k = 0; k < n; k++) {
+		double row[2][N] = { { 0 } };
+
+		for (int c = 0; c < 4; c++) {
+			row[0][c] = row[1][4 + c] = point[k].p[c];
+			row[0][8 + c] = -point[k].x * point[k].p[c];
+			row[1][8 + c] = -point[k].y * point[k].p[c];
+		}
+		for (int e = 0; e < 2; e++)
+			for (int i = 0; i < N; i++)
+				for (int j = 0; j <= i; j++)
+					a[i][j] += point[k].weight * row[e][i] * row[e][j];
+	}
+	for (int i = 0; i < N; i++)
+		for (int j = i + 1; j < N; j++)
+			a[i][j] = a[j][i];
+}
+
+/* Turns columns (and, of a, rows) p and q so that a[p][q] = 0. */
+static void rotate(double a[N][N], double v[N][N], int p, int q)
+{
+	double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+	double t = (theta >= 0 ? 1 : -1) / (fabs(theta) + sqrt(theta * theta + 1));
+	double c = 1 / sqrt(t * t + 1), s = t * c;
+
+	for (int k = 0; k < N; k++) {
+		double x = a[k][p], y = a[k][q];
+
+		a[k][p] = c * x - s * y;
+		a[k][q] = s * x + c * y;
+	}
+	for (int k = 0; k < N; k++) {
+		double x = a[p][k], y = a[q][k];
+
+		a[p][k] = c * x - s * y;
+		a[q][k] = s * x + c * y;
+		x = v[k][p];
+		y = v[k][q];
+		v[k][p] = c * x - s * y;
+		v[k][q] = s * x + c * y;
+	}
+}
+
+/* The eigenvector of a's smallest eigenvalue, by Jacobi's rotations. a is used up. */
+static void smallest(double out[N], double a[N][N])
+{
+	double v[N][N] = { { 0 } }, size = 0;
+	int best = 0;
+
+	for (int i = 0; i < N; i++) {
+		v[i][i] = 1;
+		size += a[i][i];
+	}
+	for (int sweep = 0; sweep < SWEEPS; sweep++)
+		for (int p = 0; p < N; p++)
+			for (int q = p + 1; q < N; q++)
+				if (fabs(a[p][q]) > 1e-18 * size)
+					rotate(a, v, p, q);
+	for (int i = 1; i < N; i++)
+		if (a[i][i] < a[best][best])
+			best = i;
+	for (int i = 0; i < N; i++)
+		out[i] = v[i][best];
+}
+
+static double dot(const double m[4], const double p[4])
+{
+	return m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3] * p[3];
+}
+
+/*
+ * Weighs points by 1 / depth^2, which makes the equations' errors distances in the image, and by
+ * how far off they are now. Returns the median distance. m is turned so that most depths are > 0.
+ */
+static double weigh(struct point *point, int n, double m[3][4], double *spare)
+{
+	double typical;
+	int before = 0;
+
+	for (int i = 0; i < n; i++) {
+		double d = dot(m[2], point[i].p);
+
+		before += d > 0 ? 1 : -1;
+		spare[i] = point[i].weight = hypot(dot(m[0], point[i].p) / d - point[i].x,
+						   dot(m[1], point[i].p) / d - point[i].y);
+		if (!isfinite(spare[i]))
+			spare[i] = point[i].weight = 1e9;
+	}
+	for (int i = 0; i < 12 && before < 0; i++)
+		m[i / 4][i % 4] = -m[i / 4][i % 4];
+	typical = median(spare, n);
+	for (int i = 0; i < n; i++) {
+		double d = dot(m[2], point[i].p), off = point[i].weight / (3 * typical + 1e-6);
+
+		point[i].weight = 1 / ((d * d + 1e-6) * (1 + off * off * off * off));
+	}
+	return typical;
+}
+
+/* M of the given points and pixels from that of normalised ones. */
+static void restore(struct gd_camera *camera, double m[3][4], const struct frame *f)
+{
+	for (int r = 0; r < 3; r++) {
+		double shift = r == 0 ? f->cx : f->cy, row[4];
+
+		for (int c = 0; c < 4; c++)
+			row[c] = r < 2 ? m[r][c] * f->half + m[2][c] * shift : m[2][c];
+		camera->m[r][3] = row[3];
+		for (int c = 0; c < 3; c++) {
+			camera->m[r][c] = row[c] * f->scale;
+			camera->m[r][3] -= row[c] * f->scale * f->at[c];
+		}
+	}
+}
+
+bool gd_camera_fit(struct gd_camera *camera, const struct gd_plane position[3])
+{
+	struct point *point = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *point);
+	double *spare = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *spare);
+	double a[N][N], v[N], m[3][4];
+	struct frame f;
+	int n = point && spare ? collect(point, position) : 0;
+
+	if (n >= N) {
+		normalise(&f, point, n, position[0].w, position[0].h, spare);
+		for (int i = 0; i < ROUNDS; i++) {
+			normal_matrix(a, point, n);
+			smallest(v, a);
+			memcpy(m, v, sizeof m);
+			camera->rms = weigh(point, n, m, spare) * f.half;
+		}
+		restore(camera, m, &f);
+	}
+	free(point);
+	free(spare);
+	return n >= N;
+}
+
+bool gd_camera_project(const struct gd_camera *camera, const double p[3], double *x, double *y)
+{
+	const double q[4] = { p[0], p[1], p[2], 1 };
+	double d = dot(camera->m[2], q);
+
+	*x = dot(camera->m[0], q) / d;
+	*y = dot(camera->m[1], q) / d;
+	return d > 0 && isfinite(*x) && isfinite(*y);
+}
