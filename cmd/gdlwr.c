@@ -13,16 +13,14 @@ struct options {
 	const char *previous;
 };
 
-/* The published method has settings of its own; windows cannot be smaller than allowed at most. */
+/* The published method has settings of its own; windows of the least radius leave no gaps. */
 static void settle_models(struct gd_lwr_conf *lwr, const struct options *opt)
 {
 	if (opt->paper) {
 		lwr->paper = true;
 		lwr->by_error = false;
-		lwr->granularity = lwr->radius_min = 0;
+		lwr->granularity = lwr->per_column = 0;
 	}
-	if (lwr->radius_min > lwr->radius)
-		lwr->radius_min = lwr->radius;
 	if (lwr->granularity > 2 * lwr->radius + 1)
 		lwr->granularity = 2 * lwr->radius + 1;
 	if (opt->granularity >= 0)

@@ -36,9 +36,9 @@ static int check_conf(const struct gd_lwr_conf *c, struct gd_err *err)
 	if (c->radius < 1 || c->radius > GD_LWR_RADIUS)
 		return gd_fail(err, GD_EARG, "lwr: radius %d, expected 1 to %d", c->radius,
 			       GD_LWR_RADIUS);
-	if (c->radius_min < 0 || c->radius_min > c->radius)
-		return gd_fail(err, GD_EARG, "lwr: least radius %d, expected 0 to %d",
-			       c->radius_min, c->radius);
+	if (c->per_column < 0)
+		return gd_fail(err, GD_EARG, "lwr: %d pixels for each column, expected 0 or more",
+			       c->per_column);
 	if (c->granularity < 0 || c->granularity > 2 * c->radius + 1)
 		return gd_fail(err, GD_EARG, "lwr: granularity %d, expected 0 to %d",
 			       c->granularity, 2 * c->radius + 1);
@@ -235,6 +235,16 @@ static int run_passes(struct gd_lwr_plan *p, const struct gd_lwr_conf *conf,
 	return rc;
 }
 
+/* The radius of the smallest window, of those up to `most`, with at least n pixels. */
+static int radius_of(long n, int most)
+{
+	int r = 1;
+
+	while (r < most && (2L * r + 1) * (2 * r + 1) < n)
+		r++;
+	return r;
+}
+
 static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 		     const struct gd_lwr_in *in, const struct gd_lwr_conf *conf,
 		     const struct gd_report *report)
@@ -245,7 +255,6 @@ static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 	p->w = in->y[0].w;
 	p->h = in->y[0].h;
 	p->radius = conf->radius;
-	p->radius_min = conf->radius_min;
 	p->ny = in->ny;
 	p->nc = colours(in);
 	p->twin = in->twin != NULL;
@@ -264,6 +273,7 @@ static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 	p->out_centre = out->centre;
 	gd_lwr_features(p, in, conf, report, kept);
 	p->p = 3 + p->nf;
+	p->radius_min = radius_of((long)conf->per_column * p->p, p->radius);
 	p->q = p->p + p->nc * (p->twin ? 2 : 1);
 	n = (size_t)p->w * (size_t)p->h;
 	p->mark = gd_alloc(n, 1);

@@ -28,8 +28,8 @@
 
 struct gd_lwr_conf {
 	int radius;		/* R, pixels; 1 .. GD_LWR_RADIUS; 9: windows up to 19x19 */
-	int radius_min;		/* smallest window that may be chosen, 0 .. R; errors are counted from
-				 * r = 1 on all the same */
+	int per_column;		/* a window may be chosen that has so many pixels for each column of
+				 * the model; 0: any. Errors are counted from r = 1 on all the same */
 	int granularity;	/* spacing of the first centres, pixels; 1 .. 2R+1; 0: 2R+1 */
 	bool dense;		/* a model at every pixel, whether covered or not */
 	bool by_error;		/* predictions weigh by 1 / their window's estimated error */
@@ -41,7 +41,7 @@ struct gd_lwr_conf {
 	double flat;		/* pull of feature slopes, in squares of the feature's range */
 };
 #define GD_LWR_DEFAULTS ((struct gd_lwr_conf){ \
-	.radius = 9, .radius_min = 3, .granularity = 4, .feature_noise = 1, .ridge = 1e-4, .flat = 1e-5 })
+	.radius = 9, .per_column = 5, .granularity = 4, .feature_noise = 1, .ridge = 1e-3, .flat = 3e-5 })
 
 /*
  * Planes of one size, all finite (gd_apr_clean() makes them so).
