@@ -17,6 +17,7 @@ denoise() {	# SCENE INPUT-FILE LABEL-PREFIX: every method on one gradient-domain
 	gdapr --paper --features $gbuffers "$in" -o "$dir/$p-apr-gbuffers.exr"
 	gdapr --paper --features feature "$dir/$p-feature.exr" -o "$dir/$p-apr-feature.exr"
 	gdapr --paper --features $gbuffers,feature "$dir/$p-feature.exr" -o "$dir/$p-apr-both.exr"
+	gdlwr "$dir/$p-feature.exr" -o "$dir/$p-lwr.exr"
 	gdapr "$dir/$p-feature.exr" -o "$dir/$p-default.exr"
 }
 
@@ -41,12 +42,13 @@ denoise kitchen "$k/8spp.exr" 8spp
 echo "kitchen, 16 samples a pixel, and path tracing of the same cost"
 denoise kitchen "$data/kitchen/gpt16.exr" 16spp
 gdapr "$data/kitchen/path16eq.exr" -o "$k/path-default.exr"
+gdlwr "$data/kitchen/path16eq.exr" -o "$k/path-lwr.exr"
 echo "door, 16 samples a pixel"
 denoise door "$data/door/gpt16.exr" 16spp
 
 methods() {	# DIR PREFIX: the arguments of rows()
 	local m
-	for m in l2 l1 apr-gbuffers apr-feature apr-both default; do echo "$2-$m=$1/$2-$m.exr"; done
+	for m in l2 l1 apr-gbuffers apr-feature apr-both lwr default; do echo "$2-$m=$1/$2-$m.exr"; done
 }
 {
 	printf 'scene\tmethod\trelMSE\ttrimmed\tseconds\trender_seconds\n'
@@ -54,14 +56,15 @@ methods() {	# DIR PREFIX: the arguments of rows()
 	rows kitchen 8spp-input="$k/8spp.exr" "${m[@]}"
 	mapfile -t m < <(methods "$k" 16spp)
 	rows kitchen 16spp-input="$data/kitchen/gpt16.exr" "${m[@]}" \
-		path-input="$data/kitchen/path16eq.exr" path-default="$k/path-default.exr"
+		path-input="$data/kitchen/path16eq.exr" path-lwr="$k/path-lwr.exr" path-default="$k/path-default.exr"
 	mapfile -t m < <(methods "$d" 16spp)
 	rows door 16spp-input="$data/door/gpt16.exr" "${m[@]}"
 } >"$out/table.tsv"
 {
 	echo "relMSE against seconds of denoising. 8spp, 16spp: gradient-domain path tracing with 8 and 16 samples a"
 	echo "pixel; path: plain path tracing in the render time of 16spp. apr-*: adaptive polynomial rendering as"
-	echo "published, with G-buffers, the feature made from gradients, and both; default: gdfeature | gdapr."
+	echo "published, with G-buffers, the feature made from gradients, and both; lwr: gdfeature | gdlwr; default:"
+	echo "gdfeature | gdapr."
 	echo "render: CPU seconds."
 	echo
 	awk -F'\t' 'NR == 1 { printf "%-8s %-19s %10s %10s %9s %9s\n", $1, $2, $3, $4, $5, "render"; next }
@@ -73,14 +76,15 @@ if gdshow -q "$data/kitchen/reference.exr" "$out/reference.png" 2>/dev/null; the
 	gdshow "$k/8spp.exr" "$out/noisy.png"
 	gdshow "$k/clean.exr" "$out/clean.png"
 	gdshow --sheet --zoom 2 --columns 4 --labels \
-		"input 8 spp,L2,L1,reference,APR G-buffers,APR feature,APR both,gdfeature | gdapr" -o "$out/kitchen.png" \
+		"input 8 spp,L2,L1,reference,APR G-buffers,APR both,gdfeature | gdlwr,gdfeature | gdapr" -o "$out/kitchen.png" \
 		"$k/8spp.exr" "$k/8spp-l2.exr" "$k/8spp-l1.exr" "$data/kitchen/reference.exr" \
-		"$k/8spp-apr-gbuffers.exr" "$k/8spp-apr-feature.exr" "$k/8spp-apr-both.exr" "$k/8spp-default.exr"
+		"$k/8spp-apr-gbuffers.exr" "$k/8spp-apr-both.exr" "$k/8spp-lwr.exr" "$k/8spp-default.exr"
 	gdshow --sheet --zoom 2 --columns 4 --labels \
-		"input 16 spp,L2,L1,reference,APR G-buffers,APR feature,APR both,gdfeature | gdapr" -o "$out/door.png" \
+		"input 16 spp,L2,L1,reference,APR G-buffers,APR both,gdfeature | gdlwr,gdfeature | gdapr" -o "$out/door.png" \
 		"$data/door/gpt16.exr" "$d/16spp-l2.exr" "$d/16spp-l1.exr" "$data/door/reference.exr" \
-		"$d/16spp-apr-gbuffers.exr" "$d/16spp-apr-feature.exr" "$d/16spp-apr-both.exr" "$d/16spp-default.exr"
+		"$d/16spp-apr-gbuffers.exr" "$d/16spp-apr-both.exr" "$d/16spp-lwr.exr" "$d/16spp-default.exr"
 	gdshow --layer error --legend --zoom 2 "$k/clean.exr" "$out/error.png"
+	gdsample --spp 8 --max 64 --png "$out/sampling.png" "$k/clean.exr" -o "$k/sampling.exr"
 else
 	echo "no pictures: they need the plug-in with OpenImageIO and OpenColorIO (make deps; make)"
 fi
@@ -91,5 +95,5 @@ else
 	echo "no plot: gnuplot is not installed (make deps)"
 fi
 echo
-echo "Look at $out/: table.txt table.tsv$(cd "$out" && for f in kitchen door noisy clean error plot; do
+echo "Look at $out/: table.txt table.tsv$(cd "$out" && for f in kitchen door noisy clean error sampling plot; do
 	[ -f $f.png ] && printf ' %s.png' $f; done)"

@@ -51,7 +51,11 @@ for size in "${sizes[@]}"; do
 	timed gdapr "$mega" gdapr "$tmp/feature.exr"
 	timed "gdapr --fast" "$mega" gdapr --fast "$tmp/feature.exr"
 	timed "gdapr --paper" "$mega" gdapr --paper "$tmp/feature.exr"
-	rm "$tmp/feature.exr" "$tmp/stats"
+	timed gdlwr "$mega" gdlwr "$tmp/feature.exr"
+	timed "gdlwr --dense" "$mega" gdlwr --dense "$tmp/feature.exr"
+	gdlwr -q "$tmp/feature.exr" -o "$tmp/clean.exr" --compression none
+	timed gdsample "$mega" gdsample --spp 8 "$tmp/clean.exr"
+	rm "$tmp/feature.exr" "$tmp/clean.exr" "$tmp/stats"
 done
 {
 	echo
