@@ -11,7 +11,7 @@
  * or as either has.
  *
  * Written: means, the variance of the mean from the spread of the bins at hand, half0 and half1 (the
- * even and the odd bins at hand), the halves again as bin0 and bin1, and samples. A bin is on the same
+ * even and the odd bins at hand), the halves again as bin0 and bin1, and samples, those of the halves, too. A bin is on the same
  * side everywhere: neighbours share noise in gradient-domain renders, and halves must not.
  * With -a and equal counts everywhere the bins stay apart.
  * G-buffers have no bins: they stay.
@@ -189,7 +189,7 @@ static int copy_rest(struct spend *s, struct gd_err *err)
 static int spend(struct spend *s, struct gd_err *err)
 {
 	static const char *const layers[] = { "", "dx", "dy" };
-	struct gd_plane samples;
+	struct gd_plane samples, half[2] = { { 0 } };
 	int rc = GD_OK;
 
 	for (int k = 0; k < 3 && rc == GD_OK; k++)
@@ -199,9 +199,15 @@ static int spend(struct spend *s, struct gd_err *err)
 		rc = copy_rest(s, err);
 	if (rc == GD_OK)
 		rc = gd_image_add(&s->out, "samples", &samples, err);
+	for (int h = 0; h < 2 && rc == GD_OK; h++)
+		rc = gd_image_add(&s->out, h ? "half1.samples" : "half0.samples", &half[h], err);
 	for (int y = 0; y < s->in->h && rc == GD_OK; y++)
 		for (int x = 0; x < s->in->w; x++)
+{
 			gd_row(samples, y)[x] = (float)(s->spp * at(s, x, y));
+			for (int h = 0; h < 2; h++)
+				gd_row(half[h], y)[x] = (float)(s->spp * ((at(s, x, y) + 1 - h) / 2));
+		}
 	return rc == GD_OK ? gd_attr_set_int(&s->out, "gd:bins", s->apart ? s->apart : 2, err) : rc;
 }
 
