@@ -13,7 +13,7 @@
 
 struct options {
 	double spp, total, samples, floor, blur, dimension;
-	int min, max;
+	int min, max, multiple;
 	uint64_t seed;
 	const char *png;
 	bool paper;
@@ -31,13 +31,15 @@ static int settle(struct gd_sampling_conf *conf, const struct options *opt, stru
 	conf->dimension = opt->dimension;
 	conf->min = opt->min;
 	conf->max = opt->max;
+	conf->multiple = opt->multiple;
 	conf->seed = opt->seed;
 	if (opt->spp > 0 && opt->total > 0)
 		return gd_fail(err, GD_EARG, "--spp and --total are two budgets: give one");
 	if (!(opt->spp > 0) && !(opt->total > 0))
 		return gd_fail(err, GD_EARG, "no budget: give --spp or --total");
-	if (opt->total != floor(opt->total))
-		return gd_fail(err, GD_EARG, "--total %.17g: expected a whole number", opt->total);
+	if (fmod(opt->total, opt->multiple) != 0)
+		return gd_fail(err, GD_EARG, "--total %.17g: expected a multiple of %d", opt->total,
+			       opt->multiple);
 	if (opt->min > opt->max)
 		return gd_fail(err, GD_EARG, "--min %d is above --max %d", opt->min, opt->max);
 	if (opt->png && gd_picture_misnamed(opt->png))
@@ -149,7 +151,7 @@ static int run(struct gd_cli *cli, struct gd_image *im, struct gd_sampling_conf 
 	gd_layer_planes(im, "", in.colour);
 	gd_layer_planes(im, "error", in.error);
 	find_samples(&in, cli, im, opt);
-	conf->total = opt->total > 0 ? opt->total : round(opt->spp * im->w * im->h);
+	conf->total = opt->total > 0 ? opt->total : opt->multiple * round(opt->spp / opt->multiple * im->w * im->h);
 	rc = gd_sampling_map(map, &in, conf, &result, err);
 	if (rc != GD_OK)
 		return rc;
@@ -160,7 +162,7 @@ static int run(struct gd_cli *cli, struct gd_image *im, struct gd_sampling_conf 
 
 int main(int argc, char **argv)
 {
-	struct options opt = { .floor = -1, .blur = -1, .dimension = 4, .seed = 1,
+	struct options opt = { .floor = -1, .blur = -1, .dimension = 4, .seed = 1, .multiple = 1,
 			       .max = (int)GD_SAMPLING_MOST };
 	const struct gd_opt opts[] = {
 		GD_NUM(0, "spp", "N", &opt.spp, 0, GD_SAMPLING_MOST,
@@ -168,6 +170,8 @@ int main(int argc, char **argv)
 		GD_NUM(0, "total", "N", &opt.total, 0, 9e15, "budget: new samples in all"),
 		GD_NUM(0, "min", "N", &opt.min, 0, GD_SAMPLING_MOST, "least new samples of a pixel"),
 		GD_NUM(0, "max", "N", &opt.max, 0, GD_SAMPLING_MOST, "most new samples of a pixel"),
+		GD_NUM(0, "multiple", "N", &opt.multiple, 1, GD_SAMPLING_MOST,
+		       "make every count a multiple of N: as many as the bins of a pass"),
 		GD_NUM(0, "samples", "N", &opt.samples, 0, 1e9,
 		       "samples a pixel so far; 0: as the file says"),
 		GD_NUM(0, "floor", "SHARE", &opt.floor, -1, 1,

@@ -22,8 +22,10 @@ struct job {
 	const struct gd_sampling_conf *conf;
 	struct gd_plane rho, u;		/* u is the blur's spare plane before */
 	double power;			/* p */
+	double unit;			/* samples; the next four are numbers of units */
+	double total, min, max;		/* whole */
 	bool flat;			/* a = c u: samples at hand are not taken off */
-	double lo, hi;			/* bounds of a, real */
+	double lo;			/* least a, no less than min */
 	double c;
 	double *part;			/* a double for each row, and two for each tile */
 	int tx, ty;			/* tiles across and down */
@@ -144,9 +146,12 @@ static bool make_u(const struct job *j)
 
 static double wanted(const struct job *j, double c, int x, int y)
 {
-	double a = c * (double)gd_row(j->u, y)[x] - (j->flat ? 0 : samples_at(j->in, x, y));
+	double a = c * (double)gd_row(j->u, y)[x];
 
-	return a < j->lo ? j->lo : a > j->hi ? j->hi : a;
+	if (!j->flat)
+		a -= samples_at(j->in, x, y) / j->unit;
+
+	return a < j->lo ? j->lo : a > j->max ? j->max : a;
 }
 
 /* What c spends beyond the total, and how fast that grows with c. */
@@ -165,7 +170,7 @@ static double excess(const struct job *j, double c, double *slope)
 
 			sum += base;
 			fraction += a - base;
-			if (a > j->lo && a < j->hi)
+			if (a > j->lo && a < j->max)
 				down += (double)u[x];
 		}
 		j->part[y] = sum;
@@ -178,7 +183,7 @@ static double excess(const struct job *j, double c, double *slope)
 		rest += j->part[h + y];
 		*slope += j->part[2 * h + y];
 	}
-	return (whole - j->conf->total) + rest;
+	return (whole - j->total) + rest;
 }
 
 /*
@@ -188,8 +193,8 @@ static double excess(const struct job *j, double c, double *slope)
  */
 static void find_c(struct job *j)
 {
-	double low = 0, high = 2 * (MANY + j->hi) / (double)FAINT, slope;
-	double mean = j->conf->total / ((double)j->u.w * j->u.h);
+	double low = 0, high = 2 * (MANY + j->max) / (double)FAINT, slope;
+	double mean = j->total / ((double)j->u.w * j->u.h);
 	double close = 1e-9 * (double)j->u.w;
 
 	j->c = mean + 1;
@@ -307,7 +312,7 @@ static void round_tile(const struct job *j, struct gd_plane map, const struct pa
 /* What rounding errors of sums may have left, one by one to the first that may take them. */
 static void settle(const struct job *j, struct gd_plane map)
 {
-	double off = -j->conf->total, one;
+	double off = -j->total, one;
 
 	for (int y = 0; y < map.h; y++)
 		for (int x = 0; x < map.w; x++)
@@ -317,7 +322,7 @@ static void settle(const struct job *j, struct gd_plane map)
 		for (int x = 0; x < map.w && off != 0; x++) {
 			double v = (double)gd_row(map, y)[x] + one;
 
-			if (v < j->conf->min || v > j->conf->max)
+			if (v < j->min || v > j->max)
 				continue;
 			gd_row(map, y)[x] = (float)v;
 			off += one;
@@ -353,7 +358,7 @@ static int round_all(const struct job *j, struct gd_plane map, struct gd_err *er
 		j->part[2 * t + 1] = sum;
 		sum += rest;
 	}
-	extra = fmax(j->conf->total - whole, 0);
+	extra = fmax(j->total - whole, 0);
 #pragma omp parallel for schedule(static)
 	for (int t = 0; t < tiles; t++) {
 		struct path p = path_of(j, place, t, key);
@@ -362,34 +367,54 @@ static int round_all(const struct job *j, struct gd_plane map, struct gd_err *er
 	}
 	free(place);
 	settle(j, map);
+	for (int y = 0; y < map.h && j->unit > 1; y++)
+		for (int x = 0; x < map.w; x++)
+			gd_row(map, y)[x] *= (float)j->unit;
 	return GD_OK;
 }
 
 /* ---- all of it ---- */
 
-static int check(const struct gd_plane map, const struct gd_sampling_in *in,
-		 const struct gd_sampling_conf *conf, struct gd_err *err)
+static int check_range(const struct gd_sampling_conf *conf, struct gd_err *err)
 {
-	double pixels = (double)map.w * map.h;
-
-	if (in->n < 1 || in->n > 4 || map.w < 1 || map.h < 1)
-		return gd_fail(err, GD_EARG, "%d channels of %dx%d pixels", in->n, map.w, map.h);
 	if (!(conf->floor >= 0 && conf->floor <= 1 && conf->blur_px >= 0 && conf->blur_px <= 10 &&
 	      conf->dark > 0 && conf->dimension >= 0 && conf->dimension <= 100))
 		return gd_fail(err, GD_EARG, "a setting of the map is out of its range");
-	if (!(conf->total >= 0 && conf->total <= 0x1p53 && conf->total == floor(conf->total)))
-		return gd_fail(err, GD_EARG, "%.17g samples: expected a whole number from 0 to 2^53",
-			       conf->total);
+	if (!(conf->multiple >= 1 && conf->multiple <= GD_SAMPLING_MOST &&
+	      conf->multiple == floor(conf->multiple)))
+		return gd_fail(err, GD_EARG, "multiples of %.17g samples: expected a whole number",
+			       conf->multiple);
+	if (!(conf->total >= 0 && conf->total <= 0x1p53 &&
+	      fmod(conf->total, conf->multiple) == 0))
+		return gd_fail(err, GD_EARG, "%.17g samples: expected a multiple of %.0f",
+			       conf->total, conf->multiple);
 	if (!(conf->min >= 0 && conf->min <= conf->max && conf->max <= GD_SAMPLING_MOST &&
 	      conf->min == floor(conf->min) && conf->max == floor(conf->max)))
-		return gd_fail(err, GD_EARG, "%.17g to %.17g samples a pixel: expected whole numbers, "
-			       "at most %.0f", conf->min, conf->max, GD_SAMPLING_MOST);
-	if (conf->total > conf->max * pixels)
-		return gd_fail(err, GD_EARG, "%.17g samples are more than %.0f for each of %.0f pixels",
-			       conf->total, conf->max, pixels);
-	if (conf->total < conf->min * pixels)
-		return gd_fail(err, GD_EARG, "%.17g samples are less than %.0f for each of %.0f pixels",
-			       conf->total, conf->min, pixels);
+		return gd_fail(err, GD_EARG, "%.17g to %.17g samples a pixel: expected whole "
+			       "numbers, at most %.0f", conf->min, conf->max, GD_SAMPLING_MOST);
+	return GD_OK;
+}
+
+/* All in units of conf->multiple, for that many pixels. */
+static int set_bounds(struct job *j, double pixels, struct gd_err *err)
+{
+	const struct gd_sampling_conf *conf = j->conf;
+	int rc = check_range(conf, err);
+
+	if (rc != GD_OK)
+		return rc;
+	j->power = 4 / (conf->dimension + 4);
+	j->unit = conf->multiple;
+	j->total = conf->total / j->unit;
+	j->min = ceil(conf->min / j->unit);
+	j->max = floor(conf->max / j->unit);
+	j->lo = fmax(j->min, conf->floor * j->total / pixels);
+	if (j->total > j->max * pixels)
+		return gd_fail(err, GD_EARG, "%.17g samples are more than %.0f for each of %.0f "
+			       "pixels", conf->total, j->max * j->unit, pixels);
+	if (j->total < j->min * pixels)
+		return gd_fail(err, GD_EARG, "%.17g samples are less than %.0f for each of %.0f "
+			       "pixels", conf->total, j->min * j->unit, pixels);
 	return GD_OK;
 }
 
@@ -471,14 +496,13 @@ int gd_sampling_map(struct gd_plane map, const struct gd_sampling_in *in,
 {
 	struct job j = { .in = in, .conf = conf };
 	struct gd_sampling_result r = { 0 };
-	int rc = check(map, in, conf, err);
+	int rc;
 
-	if (rc != GD_OK)
-		return rc;
-	rc = new_work(&j, map, err);
-	j.power = 4 / (conf->dimension + 4);
-	j.lo = fmax(conf->min, conf->floor * conf->total / ((double)map.w * map.h));
-	j.hi = conf->max;
+	if (in->n < 1 || in->n > 4 || map.w < 1 || map.h < 1)
+		return gd_fail(err, GD_EARG, "%d channels of %dx%d pixels", in->n, map.w, map.h);
+	rc = set_bounds(&j, (double)map.w * map.h, err);
+	if (rc == GD_OK)
+		rc = new_work(&j, map, err);
 	if (rc == GD_OK)
 		rc = make_map(&j, map, &r, err);
 	if (rc == GD_OK && result)

@@ -33,6 +33,7 @@
 struct gd_sampling_conf {
 	double total;		/* new samples in all, a whole number from 0 */
 	double min, max;	/* new samples of a pixel, whole; max up to GD_SAMPLING_MOST */
+	double multiple;	/* counts, and total, are whole multiples of it; from 1 */
 	double floor;		/* share of the total that is spread evenly, 0 .. 1 */
 	double blur_px;		/* standard deviation of the blur of rho, 0 .. 10 */
 	double dark;		/* of the mean luminance: errors below count as they are, > 0 */
@@ -41,12 +42,12 @@ struct gd_sampling_conf {
 	bool paper;		/* in proportion to rho n^-p; no bound on rho */
 };
 #define GD_SAMPLING_DEFAULTS ((struct gd_sampling_conf){ \
-	.max = GD_SAMPLING_MOST, .floor = 0.1, .blur_px = 1, .dark = 0.5, .dimension = 4, \
-	.seed = 1 })
+	.max = GD_SAMPLING_MOST, .multiple = 1, .floor = 0.1, .blur_px = 1, .dark = 0.5, \
+	.dimension = 4, .seed = 1 })
 /* As published: 0.001 beside the squared colour of an image whose level is mid-grey, 0.18. */
 #define GD_SAMPLING_PAPER ((struct gd_sampling_conf){ \
-	.max = GD_SAMPLING_MOST, .floor = 0, .blur_px = 0, .dark = 0.18, .dimension = 4, \
-	.seed = 1, .paper = true })
+	.max = GD_SAMPLING_MOST, .multiple = 1, .floor = 0, .blur_px = 0, .dark = 0.18, \
+	.dimension = 4, .seed = 1, .paper = true })
 
 /*
  * Planes of one size.
