@@ -4,312 +4,269 @@
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "blur.h"
+#include "kernel/sampling_row.h"
 #include "rng.h"
 #include "select.h"
 
 #define SIDE	64		/* of a tile, pixels; a power of 2 */
 #define TILE	(SIDE * SIDE)
 #define PLACES	256		/* per axis, where the level is measured */
-#define FAINT	1e-6f		/* of the largest u: nothing is below, so that any total can be spent */
-#define MANY	1e9		/* samples of a pixel beyond which more make no difference */
+#define FAINT	1e-6f		/* of the largest u: none is below, so that any total can be spent */
+#define CLOSE	1e-7		/* of a pixel: a total is met when each misses by no more */
 #define ROUNDS	200		/* most steps of the search for c; 10 are usual */
 
 struct job {
 	const struct gd_sampling_in *in;
 	const struct gd_sampling_conf *conf;
-	struct gd_plane rho, u;		/* u is the blur's spare plane before */
+	const struct gd_sampling_kernel *kernel;
+	struct gd_plane rho, u;		/* u: later the fractions */
+	float *even;			/* a row of in->even_samples, without in->samples */
 	double power;			/* p */
-	double unit;			/* samples; the next four are numbers of units */
+	double unit;			/* samples; the next three are numbers of units */
 	double total, min, max;		/* whole */
-	bool flat;			/* a = c u: samples at hand are not taken off */
-	double lo;			/* least a, no less than min */
-	double c;
-	double *part;			/* a double for each row, and two for each tile */
+	struct gd_sampling_rule rule;	/* in units, too */
+	double *part;			/* three for each row, or one for each tile */
 	int tx, ty;			/* tiles across and down */
 };
 
-static double samples_at(const struct gd_sampling_in *in, int x, int y)
+static const float *samples_row(const struct job *j, int y)
 {
-	double n = in->samples.v ? (double)gd_row(in->samples, y)[x] : in->even_samples;
-
-	return n > 0 ? fmin(n, MANY) : 0;	/* NaN: none */
+	return j->in->samples.v ? gd_row(j->in->samples, y) : j->even;
 }
 
 /* ---- relative errors ---- */
 
-static double number(float v)
+static double luminance(const struct gd_sampling_in *in, int x, int y)
 {
-	return isfinite(v) ? (double)v : 0;
+	double sum = 0;
+
+	for (int c = 0; c < in->n; c++) {
+		float v = gd_row(in->colour[c], y)[x];
+
+		sum += v > 0 && v <= FLT_MAX ? (double)v : 0;
+	}
+	return sum / in->n;
 }
 
 /* The mean luminance at up to PLACES^2 pixels spread evenly, the brightest hundredth cut. */
 static int find_level(double *level, const struct gd_sampling_in *in, struct gd_err *err)
 {
 	const struct gd_plane like = in->colour[0];
-	size_t nx = (size_t)(like.w < PLACES ? like.w : PLACES), n = 0, top;
+	size_t nx = (size_t)(like.w < PLACES ? like.w : PLACES), n = 0;
 	size_t ny = (size_t)(like.h < PLACES ? like.h : PLACES);
 	double *v = gd_alloc(nx * ny, sizeof *v), sum = 0, cut;
 
 	if (!v)
 		return gd_fail(err, GD_ENOMEM, "out of memory");
-	for (size_t j = 0; j < ny; j++)
+	for (size_t k = 0; k < ny; k++)
 		for (size_t i = 0; i < nx; i++) {
 			size_t x = (2 * i + 1) * (size_t)like.w / (2 * nx);
-			size_t y = (2 * j + 1) * (size_t)like.h / (2 * ny);
+			size_t y = (2 * k + 1) * (size_t)like.h / (2 * ny);
 
-			v[n] = 0;
-			for (int c = 0; c < in->n; c++)
-				v[n] += fmax(number(gd_row(in->colour[c], (int)y)[x]), 0) / in->n;
-			n++;
+			v[n++] = luminance(in, (int)x, (int)y);
 		}
-	top = gd_quantile_index(0.99, n);
-	cut = gd_select(v, 0, n, top);
+	cut = gd_select(v, 0, n, gd_quantile_index(0.99, n));
 	for (size_t i = 0; i < n; i++)
-		sum += fmin(v[i], cut);
+		sum += v[i] < cut ? v[i] : cut;
 	*level = sum / (double)n;
 	free(v);
 	return GD_OK;
 }
 
-/* The relative error of one value; dark: squared, added to the square of the colour. */
-static double relative(float error, float colour, double dark, double most)
-{
-	double c = number(colour), r = (double)error / (c * c + dark);
-
-	return !(r > 0) ? 0 : r < most ? r : most;
-}
-
 static void relative_errors(const struct job *j, double level)
 {
 	const struct gd_sampling_in *in = j->in;
-	/* a black image: any unit will do, and errors count as they are */
+	/* a black image has no unit: errors count as they are */
 	double dark = level > 0 ? j->conf->dark * level : 1;
 	double most = j->conf->paper ? (double)FLT_MAX / 4 : 1;
 
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < j->rho.h; y++) {
-		float *rho = gd_row(j->rho, y);
+		const float *error[4], *colour[4];
 
-		for (int x = 0; x < j->rho.w; x++) {
-			double sum = 0;
-
-			for (int c = 0; c < in->n; c++)
-				sum += relative(gd_row(in->error[c], y)[x],
-						gd_row(in->colour[c], y)[x], dark * dark, most);
-			rho[x] = (float)(sum / in->n);
+		for (int c = 0; c < in->n; c++) {
+			error[c] = gd_row(in->error[c], y);
+			colour[c] = gd_row(in->colour[c], y);
 		}
+		j->kernel->relative(gd_row(j->rho, y), error, colour, in->n, dark * dark, most,
+				    j->rho.w);
 	}
 }
 
-/*
- * What a is linear in. Scaled so that the largest is 1; none is below FAINT. False if no pixel has
- * an error.
- */
+/* u, its largest scaled to 1. False if no pixel has an error. */
 static bool make_u(const struct job *j)
 {
-	double n_power = j->conf->paper ? -j->power : j->power;
-	double power = j->conf->paper ? 1 : 1 / (1 + j->power);
-	bool even = !j->in->samples.v;
+	bool paper = j->conf->paper;
+	float a = (float)(paper ? -j->power : j->power);
+	float b = (float)(paper ? 1 : 1 / (1 + j->power));
 	double most = 0;
 
 #pragma omp parallel for schedule(static)
-	for (int y = 0; y < j->u.h; y++) {
-		const float *rho = gd_row(j->rho, y);
-		float *u = gd_row(j->u, y), top = 0;
-
-		for (int x = 0; x < j->u.w; x++) {
-			double n = fmax(samples_at(j->in, x, y), 1), r = (double)rho[x];
-
-			if (!even)
-				r *= pow(n, n_power);
-			u[x] = (float)fmin(power < 1 ? pow(r, power) : r, (double)FLT_MAX);
-			top = fmaxf(top, u[x]);
-		}
-		j->part[y] = (double)top;
-	}
+	for (int y = 0; y < j->u.h; y++)
+		j->part[y] = (double)j->kernel->demand(gd_row(j->u, y), gd_row(j->rho, y),
+						       samples_row(j, y), a, b, j->u.w);
 	for (int y = 0; y < j->u.h; y++)
 		most = fmax(most, j->part[y]);
 #pragma omp parallel for schedule(static)
-	for (int y = 0; y < j->u.h; y++)
-		for (int x = 0; x < j->u.w; x++) {
-			double v = most > 0 ? (double)gd_row(j->u, y)[x] / most : 1;
+	for (int y = 0; y < j->u.h; y++) {
+		float *u = gd_row(j->u, y);
 
-			gd_row(j->u, y)[x] = fmaxf((float)v, FAINT);
-		}
+		/* in two steps: 1 / most may be no float */
+		if (most > 0)
+			j->kernel->scale(u, (float)(1 / sqrt(most)), 0, j->u.w);
+		j->kernel->scale(u, most > 0 ? (float)(1 / sqrt(most)) : 0, FAINT, j->u.w);
+	}
 	return most > 0;
 }
 
 /* ---- the allocation ---- */
 
-static double wanted(const struct job *j, double c, int x, int y)
+/* What the rule spends beyond the total, and how fast that grows with c. */
+static double excess(const struct job *j, double *slope)
 {
-	double a = c * (double)gd_row(j->u, y)[x];
-
-	if (!j->flat)
-		a -= samples_at(j->in, x, y) / j->unit;
-
-	return a < j->lo ? j->lo : a > j->max ? j->max : a;
-}
-
-/* What c spends beyond the total, and how fast that grows with c. */
-static double excess(const struct job *j, double c, double *slope)
-{
-	int h = j->u.h;
-	double whole = 0, rest = 0;
+	double sum = 0;
 
 #pragma omp parallel for schedule(static)
-	for (int y = 0; y < h; y++) {
-		const float *u = gd_row(j->u, y);
-		double sum = 0, down = 0, fraction = 0;
-
-		for (int x = 0; x < j->u.w; x++) {
-			double a = wanted(j, c, x, y), base = floor(a);
-
-			sum += base;
-			fraction += a - base;
-			if (a > j->lo && a < j->max)
-				down += (double)u[x];
-		}
-		j->part[y] = sum;
-		j->part[h + y] = fraction;
-		j->part[2 * h + y] = down;
-	}
+	for (int y = 0; y < j->u.h; y++)
+		j->kernel->spend(j->part + 2 * y, gd_row(j->u, y), samples_row(j, y), &j->rule,
+				 j->u.w);
 	*slope = 0;
-	for (int y = 0; y < h; y++) {
-		whole += j->part[y];
-		rest += j->part[h + y];
-		*slope += j->part[2 * h + y];
+	for (int y = 0; y < j->u.h; y++) {
+		sum += j->part[2 * y];
+		*slope += j->part[2 * y + 1];
 	}
-	return (whole - j->total) + rest;
+	return sum - j->total;
+}
+
+/* Between low and high, by orders of magnitude where they are far apart. */
+static double between(double low, double high)
+{
+	if (high - low > 2 * low)
+		return low > 1e-9 ? sqrt(low) * sqrt(high) : high > 1e-8 ? 1e-9 * sqrt(high * 1e9) : 0;
+	return low + (high - low) / 2;
 }
 
 /*
  * The c that spends the total: Newton's steps on a function made of straight pieces, halving the
- * bracket where they leave it. Fractions are summed apart from whole numbers, so that sums of 1e12
- * lose nothing.
+ * bracket where they leave it.
  */
 static void find_c(struct job *j)
 {
-	double low = 0, high = 2 * (MANY + j->max) / (double)FAINT, slope;
-	double mean = j->total / ((double)j->u.w * j->u.h);
-	double close = 1e-9 * (double)j->u.w;
+	double pixels = (double)j->u.w * j->u.h, slope;
+	double low = 0, high = 4 * ((double)GD_SAMPLING_MANY + j->max) / (double)FAINT;
 
-	j->c = mean + 1;
+	j->rule.c = 2 * j->total / pixels + 1;
 	for (int i = 0; i < ROUNDS; i++) {
-		double off = excess(j, j->c, &slope), next;
+		double off = excess(j, &slope), next;
 
-		if (fabs(off) <= close)
+		if (fabs(off) <= CLOSE * pixels)
 			break;
 		if (off > 0)
-			high = j->c;
+			high = j->rule.c;
 		else
-			low = j->c;
-		next = slope > 0 ? j->c - off / slope : -1;
+			low = j->rule.c;
+		next = slope > 0 ? j->rule.c - off / slope : -1;
 		if (!(next > low && next < high))
-			next = low > 0 ? sqrt(low) * sqrt(high) : high / 2 > 1 ? sqrt(high) : high / 2;
+			next = between(low, high);
 		if (!(next > low && next < high))
 			break;
-		j->c = next;
+		j->rule.c = next;
 	}
 }
 
 /* ---- whole numbers ---- */
 
-/* Place d of a Hilbert curve over SIDE x SIDE pixels. */
-static void hilbert(int d, int *x, int *y)
+/* Place d of a Hilbert curve over SIDE x SIDE pixels, as y SIDE + x. */
+static int hilbert(int d)
 {
-	*x = *y = 0;
-	for (int s = 1; s < SIDE; s *= 2) {
-		int rx = d / 2 & 1, ry = (d ^ rx) & 1;
+	int x = 0, y = 0;
+
+	for (int s = 1; s < SIDE; s *= 2, d /= 4) {
+		int rx = d / 2 & 1, ry = (d ^ rx) & 1, t = x;
 
 		if (!ry) {
-			int t = *x;
-
-			if (rx) {
-				t = s - 1 - *x;
-				*y = s - 1 - *y;
-				*x = t;
-			}
-			t = *x;
-			*x = *y;
-			*y = t;
+			x = rx ? s - 1 - y : y;
+			y = rx ? s - 1 - t : t;
 		}
-		*x += s * rx;
-		*y += s * ry;
-		d /= 4;
+		x += s * rx;
+		y += s * ry;
 	}
+	return y * SIDE + x;
 }
 
-/* One of the eight ways to lay the curve into a tile: no pattern repeats from tile to tile. */
+/* A tile, and one of the eight ways to lay the curve into it: no pattern repeats. */
 struct path {
-	const short (*place)[2];
-	int x0, y0, turn;
+	const short *place;
+	int x0, y0, w, h, turn;
 };
 
-static bool step(const struct job *j, const struct path *p, int k, int *x, int *y)
-{
-	int a = p->place[k][0], b = p->place[k][1];
-
-	if (p->turn & 1)
-		a = SIDE - 1 - a;
-	if (p->turn & 2)
-		b = SIDE - 1 - b;
-	*x = p->x0 + (p->turn & 4 ? b : a);
-	*y = p->y0 + (p->turn & 4 ? a : b);
-	return *x < j->u.w && *y < j->u.h;
-}
-
-static struct path path_of(const struct job *j, const short (*place)[2], int tile,
+static struct path path_of(const struct job *j, const short *place, int tile,
 			   struct gd_rng_key key)
 {
-	return (struct path){ place, tile % j->tx * SIDE, tile / j->tx * SIDE,
+	return (struct path){ place, tile % j->tx * SIDE, tile / j->tx * SIDE, j->u.w, j->u.h,
 			      (int)(gd_rng_u32(key, (uint32_t)tile, 1) >> 29) };
 }
 
-/* Whole numbers of a tile, and the sum of its fractions in the order of the path. */
-static void add_tile(const struct job *j, int tile, const struct path *p)
+/* The k-th pixel of the path; false if the image does not reach there. */
+static inline bool step(const struct path *p, int k, int *x, int *y)
 {
-	double whole = 0, rest = 0;
+	int a = p->place[k] % SIDE, b = p->place[k] / SIDE;
+
+	a = p->turn & 1 ? SIDE - 1 - a : a;
+	b = p->turn & 2 ? SIDE - 1 - b : b;
+	*x = p->x0 + (p->turn & 4 ? b : a);
+	*y = p->y0 + (p->turn & 4 ? a : b);
+	return *x < p->w && *y < p->h;
+}
+
+/* The sum of a tile's fractions, in the order of its path. */
+static double tile_sum(const struct job *j, const struct path *p)
+{
+	double sum = 0;
 	int x, y;
 
 	for (int k = 0; k < TILE; k++)
-		if (step(j, p, k, &x, &y)) {
-			double a = wanted(j, j->c, x, y), base = floor(a);
-
-			whole += base;
-			rest += a - base;
-		}
-	j->part[2 * tile] = whole;
-	j->part[2 * tile + 1] = rest;
+		if (step(p, k, &x, &y))
+			sum += (double)gd_row(j->u, y)[x];
+	return sum;
 }
+
+/* How running sums of fractions become counts: stretched to a whole total, from a random start. */
+struct ladder {
+	double stretch, start;
+};
 
 /*
- * Rounds a tile: a pixel gets one more wherever the running sum of the fractions, begun at a
- * random place in 0 .. 1 and stretched to its whole total, passes a whole number.
+ * Rounds a tile: a pixel gets one more where the running sum passes a whole number. before: the
+ * sum of the tiles before.
  */
 static void round_tile(const struct job *j, struct gd_plane map, const struct path *p,
-		       double before, double stretch, double start)
+		       const struct ladder *l, double before)
 {
-	const double below_one = 1 - 0x1p-30;
-	double sum = before * stretch + start, given = floor(sum), rest = 0;
+	double sum = 0, have = floor(before * l->stretch + l->start);
 	int x, y;
 
-	for (int k = 0; k < TILE; k++)
-		if (step(j, p, k, &x, &y)) {
-			double a = wanted(j, j->c, x, y), base = floor(a), now;
+	for (int k = 0; k < TILE; k++) {
+		float part;
+		double now;
 
-			rest += fmin(a - base, below_one);
-			now = floor((before + rest) * stretch + start);
-			now = now < given ? given : now > given + 1 ? given + 1 : now;
-			gd_row(map, y)[x] = (float)(a > base ? base + (now - given) : base);
-			given = a > base ? now : given;
+		if (!step(p, k, &x, &y))
+			continue;
+		part = gd_row(j->u, y)[x];
+		if (!(part > 0))
+			continue;
+		sum += (double)part;
+		now = floor((before + sum) * l->stretch + l->start);
+		if (now > have) {
+			gd_row(map, y)[x] += 1;
+			have += 1;
 		}
+	}
 }
 
-/* What rounding errors of sums may have left, one by one to the first that may take them. */
+/* What rounding errors of sums may have left goes to the first pixels that may take it. */
 static void settle(const struct job *j, struct gd_plane map)
 {
 	double off = -j->total, one;
@@ -329,47 +286,57 @@ static void settle(const struct job *j, struct gd_plane map)
 		}
 }
 
+/* Whole parts into map, fractions into u. Returns the sum of the former. */
+static double allot(const struct job *j, struct gd_plane map)
+{
+	double whole = 0;
+
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < map.h; y++)
+		j->part[y] = j->kernel->allot(gd_row(map, y), gd_row(j->u, y), samples_row(j, y),
+					      &j->rule, map.w);
+	for (int y = 0; y < map.h; y++)
+		whole += j->part[y];
+	return whole;
+}
+
 static int round_all(const struct job *j, struct gd_plane map, struct gd_err *err)
 {
-	short (*place)[2] = gd_alloc(TILE, sizeof *place);
+	short *place = gd_alloc(TILE, sizeof *place);
 	struct gd_rng_key key = gd_rng_key(j->conf->seed, 0);
-	double start = ((gd_rng_u32(key, 0, 0) >> 16) + 0.5) / 65536, sum = 0, whole = 0, extra;
+	struct ladder l = { 0, ((gd_rng_u32(key, 0, 0) >> 16) + 0.5) / 65536 };
+	double sum = 0, whole = allot(j, map);
 	int tiles = j->tx * j->ty;
 
 	if (!place)
 		return gd_fail(err, GD_ENOMEM, "out of memory");
-	for (int k = 0; k < TILE; k++) {
-		int x, y;
-
-		hilbert(k, &x, &y);
-		place[k][0] = (short)x;
-		place[k][1] = (short)y;
-	}
+	for (int k = 0; k < TILE; k++)
+		place[k] = (short)hilbert(k);
 #pragma omp parallel for schedule(static)
 	for (int t = 0; t < tiles; t++) {
 		struct path p = path_of(j, place, t, key);
 
-		add_tile(j, t, &p);
+		j->part[t] = tile_sum(j, &p);
 	}
-	for (int t = 0; t < tiles; t++) {	/* sums of fractions: from here on, those before */
-		double rest = j->part[2 * t + 1];
+	for (int t = 0; t < tiles; t++) {	/* from here on sums of the tiles before */
+		double own = j->part[t];
 
-		whole += j->part[2 * t];
-		j->part[2 * t + 1] = sum;
-		sum += rest;
+		j->part[t] = sum;
+		sum += own;
 	}
-	extra = fmax(j->total - whole, 0);
+	l.stretch = sum > 0 && j->total > whole ? (j->total - whole) / sum : 0;
 #pragma omp parallel for schedule(static)
 	for (int t = 0; t < tiles; t++) {
 		struct path p = path_of(j, place, t, key);
 
-		round_tile(j, map, &p, j->part[2 * t + 1], sum > 0.5 ? extra / sum : 0, start);
+		round_tile(j, map, &p, &l, j->part[t]);
 	}
 	free(place);
 	settle(j, map);
-	for (int y = 0; y < map.h && j->unit > 1; y++)
-		for (int x = 0; x < map.w; x++)
-			gd_row(map, y)[x] *= (float)j->unit;
+#pragma omp parallel for schedule(static) if (j->unit > 1)
+	for (int y = 0; y < map.h; y++)
+		if (j->unit > 1)
+			j->kernel->scale(gd_row(map, y), (float)j->unit, 0, map.w);
 	return GD_OK;
 }
 
@@ -408,7 +375,8 @@ static int set_bounds(struct job *j, double pixels, struct gd_err *err)
 	j->total = conf->total / j->unit;
 	j->min = ceil(conf->min / j->unit);
 	j->max = floor(conf->max / j->unit);
-	j->lo = fmax(j->min, conf->floor * j->total / pixels);
+	j->rule.lo = fmax(j->min, conf->floor * j->total / pixels);
+	j->rule.hi = j->max;
 	if (j->total > j->max * pixels)
 		return gd_fail(err, GD_EARG, "%.17g samples are more than %.0f for each of %.0f "
 			       "pixels", conf->total, j->max * j->unit, pixels);
@@ -418,71 +386,64 @@ static int set_bounds(struct job *j, double pixels, struct gd_err *err)
 	return GD_OK;
 }
 
-/* Means of what rho becomes with this map, and with an even one. */
-static void foresee(const struct job *j, struct gd_plane map, struct gd_sampling_result *r)
-{
-	double pixels = (double)map.w * map.h, mean = j->conf->total / pixels;
-	int h = map.h;
-
-	r->before = r->after = r->even = 0;
-	r->least = r->most = (double)gd_row(map, 0)[0];
-#pragma omp parallel for schedule(static)
-	for (int y = 0; y < h; y++) {
-		double before = 0, after = 0, even = 0;
-
-		for (int x = 0; x < map.w; x++) {
-			double n = fmax(samples_at(j->in, x, y), 1);
-			double rho = (double)gd_row(j->rho, y)[x];
-
-			before += rho;
-			after += rho * pow(1 + (double)gd_row(map, y)[x] / n, -j->power);
-			even += rho * pow(1 + mean / n, -j->power);
-		}
-		j->part[y] = before;
-		j->part[h + y] = after;
-		j->part[2 * h + y] = even;
-	}
-	for (int y = 0; y < h; y++) {
-		r->before += j->part[y] / pixels;
-		r->after += j->part[h + y] / pixels;
-		r->even += j->part[2 * h + y] / pixels;
-		for (int x = 0; x < map.w; x++) {
-			r->least = fmin(r->least, (double)gd_row(map, y)[x]);
-			r->most = fmax(r->most, (double)gd_row(map, y)[x]);
-		}
-	}
-}
-
 static int new_work(struct job *j, struct gd_plane map, struct gd_err *err)
 {
-	size_t size = gd_stride(map.w) * (size_t)map.h, parts;
+	size_t size = gd_stride(map.w) * (size_t)map.h, tiles;
+	float even = (float)fmin(j->in->even_samples, (double)GD_SAMPLING_MANY);
 
 	j->tx = (map.w + SIDE - 1) / SIDE;
 	j->ty = (map.h + SIDE - 1) / SIDE;
-	parts = 2 * (size_t)j->tx * (size_t)j->ty;
-	parts = parts > 3 * (size_t)map.h ? parts : 3 * (size_t)map.h;
+	tiles = (size_t)j->tx * (size_t)j->ty;
 	j->rho = gd_plane_of(gd_alloc(size, sizeof(float)), map.w, map.h);
 	j->u = gd_plane_of(gd_alloc(size, sizeof(float)), map.w, map.h);
-	j->part = gd_alloc(parts, sizeof *j->part);
-	return j->rho.v && j->u.v && j->part ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
+	j->even = gd_alloc((size_t)map.w, sizeof *j->even);
+	j->part = gd_alloc(tiles + 3 * (size_t)map.h, sizeof *j->part);
+	if (!j->rho.v || !j->u.v || !j->even || !j->part)
+		return gd_fail(err, GD_ENOMEM, "out of memory");
+	for (int x = 0; x < map.w; x++)
+		j->even[x] = even;
+	return GD_OK;
+}
+
+/* Means of what rho becomes with this map, and with an even one; the map's range. */
+static void foresee(const struct job *j, struct gd_plane map, struct gd_sampling_result *r)
+{
+	double pixels = (double)map.w * map.h;
+	float even = (float)(j->conf->total / pixels);
+
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < map.h; y++)
+		j->kernel->foresee(j->part + 3 * y, gd_row(j->rho, y), gd_row(map, y),
+				   samples_row(j, y), even, (float)j->power, map.w);
+	r->least = r->most = (double)gd_row(map, 0)[0];
+	for (int y = 0; y < map.h; y++) {
+		r->before += j->part[3 * y] / pixels;
+		r->after += j->part[3 * y + 1] / pixels;
+		r->even += j->part[3 * y + 2] / pixels;
+		for (int x = 0; x < map.w; x++) {
+			double v = (double)gd_row(map, y)[x];
+
+			r->least = v < r->least ? v : r->least;
+			r->most = v > r->most ? v : r->most;
+		}
+	}
 }
 
 static int make_map(struct job *j, struct gd_plane map, struct gd_sampling_result *r,
 		    struct gd_err *err)
 {
-	const struct gd_sampling_conf *conf = j->conf;
-	struct gd_blur blur = gd_blur_gauss(conf->blur_px);
+	struct gd_blur blur = gd_blur_gauss(j->conf->blur_px);
 	int rc = find_level(&r->level, j->in, err);
 
 	if (rc != GD_OK)
 		return rc;
 	relative_errors(j, r->level);
-	if (conf->blur_px > 0)
+	if (j->conf->blur_px > 0)
 		rc = gd_blur_plane(j->rho, j->u, &blur, err);
 	if (rc != GD_OK)
 		return rc;
 	r->blind = !make_u(j);
-	j->flat = conf->paper || r->blind;
+	j->rule.taken = j->conf->paper || r->blind ? 0 : 1 / j->unit;
 	find_c(j);
 	rc = round_all(j, map, err);
 	if (rc == GD_OK)
@@ -494,7 +455,7 @@ int gd_sampling_map(struct gd_plane map, const struct gd_sampling_in *in,
 		    const struct gd_sampling_conf *conf, struct gd_sampling_result *result,
 		    struct gd_err *err)
 {
-	struct job j = { .in = in, .conf = conf };
+	struct job j = { .in = in, .conf = conf, .kernel = GD_PICK(gd_sampling_kernel) };
 	struct gd_sampling_result r = { 0 };
 	int rc;
 
@@ -509,6 +470,7 @@ int gd_sampling_map(struct gd_plane map, const struct gd_sampling_in *in,
 		*result = r;
 	free(j.rho.v);
 	free(j.u.v);
+	free(j.even);
 	free(j.part);
 	return rc;
 }

@@ -76,4 +76,21 @@ static inline float gd_expf_minus(float x)
 	return x < 87.0f ? p : 0.0f;
 }
 
+/*
+ * log(x) for finite normal x > 0, absolute error below 2e-7 where |log x| < 1, relative below 2e-7
+ * elsewhere; exactly 0 at 1. The result for other x is some number of no meaning.
+ * x = 2^n m with sqrt(1/2) <= m < sqrt(2); log m = 2 artanh((m - 1) / (m + 1)).
+ */
+static inline float gd_logf(float x)
+{
+	const int32_t half = 0x3f3504f3;	/* sqrt(1/2) */
+	int32_t bits = gd_float_bits(x) - half;
+	float n = (float)(bits >> 23);
+	float m = gd_bits_float((bits & 0x7fffff) + half);
+	float s = (m - 1.0f) / (m + 1.0f), s2 = s * s;
+	float t = s2 * (0.333333333f + s2 * (0.2f + s2 * (0.142857143f + s2 * 0.111111111f)));
+
+	return n * 0.693145752f + (n * 1.42860677e-6f + 2.0f * (s + s * t));
+}
+
 #endif
