@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The exponential for kernels against that of the C library, over all of its range. */
+/* Exponential and logarithm for kernels against those of the C library, over all of its range. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -47,11 +47,30 @@ static void minus(void **unused)
 	assert_true(gd_expf_minus(INFINITY) == 0.0f);
 }
 
+static void logarithm(void **unused)
+{
+	(void)unused;
+	for (float x = 1.2e-38f; x < 3e38f; x *= 1.00003f) {
+		double wanted = log((double)x), found = gd_logf(x);
+
+		if (!(fabs(found - wanted) <= 2e-7 * fmax(1.0, fabs(wanted))))
+			fail_msg("log(%.9g): %.9g, expected %.9g", x, found, wanted);
+	}
+	for (int i = -1000; i <= 1000; i++) {
+		float x = 1.0f + (float)i * 0x1p-20f;
+
+		if (!(fabs(gd_logf(x) - log((double)x)) <= 2e-7 * fabs(log((double)x)) + 1e-10))
+			fail_msg("log(%.9g): %.9g", x, gd_logf(x));
+	}
+	assert_true(gd_logf(1.0f) == 0.0f);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(both_signs),
 		cmocka_unit_test(minus),
+		cmocka_unit_test(logarithm),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,157 @@
+#!/usr/bin/env bats
+# SPDX-License-Identifier: BSD-3-Clause
+
+setup() {
+	bats_require_minimum_version 1.5.0
+	top=$BATS_TEST_DIRNAME/../..
+	bin=$(realpath "${GD_BIN:-$top/bin}")
+	gdsample=$bin/gdsample
+	support=$(realpath "$top/tests/support")
+	cd "$BATS_TEST_TMPDIR"
+}
+
+val() { "$support/exrval.pl" "$@"; }
+names() { "$support/exrval.pl" "$1" | sed 's/:.*//' | sort | tr '\n' ' '; }
+
+# Clean on the left, noisy on the right; 8 samples.
+frame() {
+	"$support/mkexr.pl" "${1:-in.exr}" 40 30 R=0.5 G=0.25 B='0.5 + $x / 80' \
+		error.R='$x < 20 ? 1e-5 : 1e-2' error.G=1e-5 error.B=1e-5 samples=8 A='$x / 40' \
+		model.spread=0.1 light.R='$y' "${@:2}"
+}
+
+# The mean of the map times the pixels.
+sum() { awk -v m="$(val "$1" sampling)" 'BEGIN { printf "%.0f", m * 1200 }'; }
+
+@test "the map goes beside what was there, and its sum is the budget" {
+	frame
+	run --separate-stderr "$gdsample" --spp 4 in.exr out.exr --compression none
+	[ "$status" -eq 0 ] && [ -z "$output" ] && [ -z "$stderr" ]
+	[ "$(names out.exr)" = "$(names in.exr | sed 's/samples /samples sampling /')" ]
+	[ "$(sum out.exr)" = 4800 ]
+	for c in R G B error.R samples A model.spread light.R; do
+		[ "$(val out.exr $c 21 7)" = "$(val in.exr $c 21 7)" ]
+	done
+	awk -v a="$(val out.exr sampling 5 5)" -v b="$(val out.exr sampling 33 20)" 'BEGIN { exit !(a <= 1 && b >= 5) }'
+	"$gdsample" --total 4801 in.exr out.exr --compression none
+	[ "$(sum out.exr)" = 4801 ]
+	"$gdsample" --spp 0.25 in.exr out.exr --compression none
+	[ "$(sum out.exr)" = 300 ]
+}
+
+@test "bounds, the floor and multiples hold" {
+	frame
+	"$gdsample" --spp 4 --min 2 --max 5 in.exr out.exr --compression none
+	[ "$(sum out.exr)" = 4800 ]
+	[ "$(val out.exr sampling 5 5)" = 3 ] || [ "$(val out.exr sampling 5 5)" = 2 ]
+	[ "$(val out.exr sampling 33 20)" = 5 ]
+	"$gdsample" --spp 4 --floor 1 in.exr out.exr --compression none
+	[ "$(val out.exr sampling 5 5)" = 4 ] && [ "$(val out.exr sampling 33 20)" = 4 ]
+	"$gdsample" --spp 4 --multiple 8 in.exr out.exr --compression none
+	[ "$(sum out.exr)" = 4800 ]
+	for x in 3 19 24 31; do [ $(($(val out.exr sampling $x 9) % 8)) -eq 0 ]; done
+}
+
+@test "a budget is needed, one, and one that can be spent" {
+	frame
+	run --separate-stderr "$gdsample" in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: no budget: give --spp or --total" ]
+	run --separate-stderr "$gdsample" --spp 1 --total 9 in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --spp and --total are two budgets: give one" ]
+	run --separate-stderr "$gdsample" --spp 7 --max 6 in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: 8400 samples are more than 6 for each of 1200 pixels" ]
+	run --separate-stderr "$gdsample" --spp 2 --min 3 in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: 2400 samples are less than 3 for each of 1200 pixels" ]
+	run --separate-stderr "$gdsample" --spp 2 --min 3 --max 2 in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --min 3 is above --max 2" ]
+	run --separate-stderr "$gdsample" --total 10.5 in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --total 10.5: expected a multiple of 1" ]
+	[ ! -e out.exr ]
+}
+
+@test "a missing channel is named" {
+	"$support/mkexr.pl" in.exr 4 3 R=1 G=1 B=1
+	run --separate-stderr "$gdsample" --spp 1 in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: in.exr: no channel error.R" ]
+	"$support/mkexr.pl" in.exr 4 3 R=1 G=1 error.R=1 error.G=1 error.B=1
+	run --separate-stderr "$gdsample" --spp 1 in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: in.exr: no channel B" ]
+}
+
+@test "samples come from the channel, an attribute, an option, or are taken for 1" {
+	frame one.exr samples='$y < 15 ? 64 : 4'
+	"$gdsample" --spp 4 one.exr out.exr --compression none
+	awk -v a="$(val out.exr sampling 33 5)" -v b="$(val out.exr sampling 33 20)" 'BEGIN { exit !(a < b) }'
+	"$gdsample" --spp 4 --samples 8 one.exr even.exr --compression none
+	awk -v a="$(val even.exr sampling 33 5)" -v b="$(val even.exr sampling 33 20)" 'BEGIN { d = a - b; exit !(d * d <= 1) }'
+	"$support/mkexr.pl" bare.exr 6 5 R=1 G=1 B=1 error.R='$x' error.G=1 error.B=1
+	run --separate-stderr "$gdsample" --spp 4 bare.exr out.exr
+	[ "$status" -eq 0 ] && [[ "$stderr" == "gdsample: the file does not say how many samples"* ]]
+	run --separate-stderr "$gdsample" --spp 4 --samples 2 bare.exr out.exr
+	[ "$status" -eq 0 ] && [ -z "$stderr" ]
+	"$support/mkexr.pl" said.exr 6 5 -a gd:samplesPerPixel=8 R=1 G=1 B=1 error.R='$x' error.G=1 error.B=1
+	run --separate-stderr "$gdsample" --spp 4 -v said.exr out.exr
+	[ "$status" -eq 0 ] && [[ "$stderr" == *"8 samples a pixel so far"* ]]
+}
+
+@test "no error anywhere: even, and told" {
+	frame in.exr error.R=0 error.G=0 error.B=0
+	run --separate-stderr "$gdsample" --spp 3 in.exr out.exr --compression none
+	[ "$status" -eq 0 ] && [[ "$stderr" == *"no error anywhere: the map is even"* ]]
+	[ "$(val out.exr sampling 5 5)" = 3 ] && [ "$(val out.exr sampling 33 20)" = 3 ]
+}
+
+@test "NaN, Inf and fireflies do not take the budget; one pixel is enough" {
+	frame in.exr error.G='$x == 3 && $y == 4 ? nan() : $x == 30 && $y == 9 ? inf() : 1e-5' \
+		R='$x == 8 && $y == 8 ? 1e30 : $x == 9 && $y == 9 ? nan() : 0.5'
+	run --separate-stderr "$gdsample" --spp 4 in.exr out.exr --compression none
+	[ "$status" -eq 0 ] && [ "$(sum out.exr)" = 4800 ]
+	awk -v a="$(val out.exr sampling 30 9)" 'BEGIN { exit !(a > 4 && a < 2000) }'
+	"$support/mkexr.pl" dot.exr 1 1 R=1 G=1 B=1 error.R=1 error.G=1 error.B=1 samples=4
+	"$gdsample" --total 12345 dot.exr out.exr --compression none
+	[ "$(val out.exr sampling 0 0)" = 12345 ]
+}
+
+@test "seeds differ, threads do not, the published rule does" {
+	frame
+	export SOURCE_DATE_EPOCH=0
+	for n in 1 2 7; do OMP_NUM_THREADS=$n "$gdsample" --spp 1.5 in.exr >$n.exr; done
+	cmp 1.exr 2.exr
+	cmp 1.exr 7.exr
+	"$gdsample" --spp 1.5 -s 2 in.exr s.exr --compression none
+	"$gdsample" --spp 1.5 --paper in.exr p.exr --compression none
+	for f in s p; do
+		differ=0
+		for x in 5 11 17 23 29 35; do for y in 2 9 16 23; do
+			[ "$(val 1.exr sampling $x $y)" = "$(val $f.exr sampling $x $y)" ] || differ=1
+		done; done
+		[ $differ -eq 1 ]
+		[ "$(sum $f.exr)" = 1800 ]
+	done
+}
+
+@test "-v and --stats tell what is expected" {
+	frame
+	run --separate-stderr "$gdsample" --spp 4 -v --stats s.json in.exr out.exr
+	[ "$status" -eq 0 ]
+	[[ "$stderr" == *"4800 samples, "*"mean relative error "*" should become "*" with an even map"* ]]
+	[[ "$(cat s.json)" == *'"total": 4800'*'"relative_error": '*'"expected": '*'"expected_even": '* ]]
+	sed -E 's/.*"expected": ([^,]*), "expected_even": ([^,}]*).*/\1 \2/' s.json | awk '{ exit !($1 < $2) }'
+}
+
+@test "--png shows the map" {
+	[ -f "$bin/gd-plugin.so" ] || skip "no plug-in"
+	frame
+	"$gdsample" --spp 4 --png map.png in.exr out.exr
+	[ "$(head -c 4 map.png | od -An -tx1 | tr -d ' ')" = 89504e47 ]
+	run --separate-stderr "$gdsample" --spp 4 --png map.exr in.exr out2.exr
+	[ "$status" -eq 2 ] && [[ "$stderr" == "gdsample: --png: map.exr: "* ]]
+	[ ! -e out2.exr ]
+}
+
+@test "a map of before is replaced" {
+	frame in.exr sampling=77
+	"$gdsample" --spp 4 in.exr out.exr --compression none
+	[ "$(sum out.exr)" = 4800 ]
+	[ "$(names out.exr | tr ' ' '\n' | grep -c '^sampling$')" -eq 1 ]
+}
