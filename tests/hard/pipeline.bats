@@ -281,6 +281,18 @@ pipeline() {
 	cmp 1.raw 2.raw && cmp 1.raw 7.raw
 }
 
+@test "damaged files: refused in one line, or finite numbers; as another frame, too" {
+	mkgd good.exr 17 13 position=1
+	for f in "${GD_TESTDATA:-$root/testdata}"/damaged/*; do
+		for tool in "gdlwr" "gdapr good.exr --neighbours"; do
+			code=0
+			# shellcheck disable=SC2086
+			run_one out $tool "$f" >said || code=$?
+			[ $code -eq 0 ] || [ $code -eq 3 ] || { cat said; return 1; }
+		done
+	done
+}
+
 @test "gdrelmse counts what is not finite and never hides it" {
 	mkgd ref.exr 17 13
 	mkgd nan.exr 17 13 nan inf

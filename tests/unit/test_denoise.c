@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "denoise.h"
+#include "denoise_job.h"
 
 #define W 33
 #define H 21
@@ -292,6 +292,217 @@ static void test_no_numbers(void **state)
 	gd_image_free(&im);
 }
 
+static void positions(struct gd_image *im)
+{
+	static const char *const name[] = { "P.X", "P.Y", "P.Z" };
+	struct gd_plane p[3];
+
+	for (int c = 0; c < 3; c++)
+		assert_int_equal(gd_image_add(im, name[c], &p[c], NULL), GD_OK);
+	for (int y = 0; y < H; y++)
+		for (int x = 0; x < W; x++) {
+			gd_row(p[0], y)[x] = (float)x;
+			gd_row(p[1], y)[x] = (float)y;
+			gd_row(p[2], y)[x] = 1;
+		}
+}
+
+static double mean_of(struct gd_plane p)
+{
+	double sum = 0;
+
+	for (int y = 0; y < H; y++)
+		for (int x = 0; x < W; x++)
+			sum += (double)gd_row(p, y)[x] / W / H;
+	return sum;
+}
+
+static void assert_finite(const struct gd_image *im)
+{
+	for (int i = 0; i < im->nchan; i++)
+		for (int y = 0; y < H; y++)
+			for (int x = 0; x < W; x++)
+				assert_true(isfinite(gd_row(plane(im, im->chan[i].name), y)[x]));
+}
+
+/* Of halves and of all samples: what they add, what they say they built. */
+static void test_linear(void **state)
+{
+	static const enum gd_denoise_method method[] = { GD_DENOISE_LWR, GD_DENOISE_LWR_WHOLE };
+	struct gd_denoise_result result;
+
+	(void)state;
+	for (int i = 0; i < 4; i++) {
+		struct gd_denoise_conf conf = GD_DENOISE_DEFAULTS;
+		struct gd_image im = { 0 };
+
+		conf.method = method[i / 2];
+		conf.lwr.dense = i % 2;
+		frame(&im, "bin", 4);
+		assert_int_equal(gd_denoise_run(&im, &conf, &result, NULL, NULL), GD_OK);
+		assert_int_equal(result.crossfit, i < 2);
+		assert_int_equal(result.halves, i < 2);
+		assert_int_equal(gd_image_find(&im, "model.spread") >= 0, i < 2);
+		assert_int_equal(gd_image_find(&im, "albedo.R"), -1);
+		assert_int_equal(gd_image_find(&im, "bin0.R"), -1);
+		if (conf.lwr.dense)
+			assert_int_equal(result.models, (i < 2 ? 2 : 1) * W * H);
+		assert_true(result.share > 0 && result.share <= 1);
+		assert_true(fabs(result.share - mean_of(plane(&im, "model.centre"))) < 1e-6);
+		assert_true(result.mean_radius > 0 && result.mean_radius <= conf.lwr.radius);
+		assert_true(fabs(result.mean_features - mean_of(plane(&im, "model.features"))) < 1e-3);
+		assert_finite(&im);
+		gd_image_free(&im);
+	}
+}
+
+static void test_sequence(void **state)
+{
+	struct gd_denoise_conf conf = GD_DENOISE_DEFAULTS;
+	struct gd_denoise_result result;
+	struct gd_image first = { 0 }, im = { 0 }, other = { 0 };
+	struct gd_err err = { 0 };
+
+	(void)state;
+	conf.method = GD_DENOISE_LWR;
+	conf.sequence = true;
+	frame(&first, "half", 2);
+	assert_int_equal(gd_denoise_want(&first, &conf, &err), GD_ESHAPE);
+	assert_string_equal(err.text,
+			    "no layer P: frames of a sequence are joined by world positions");
+	positions(&first);
+	assert_int_equal(gd_denoise_run(&first, &conf, &result, NULL, NULL), GD_OK);
+	assert_true(off(plane(&first, "R"), plane(&first, "state.value.R")) < 1e-5);
+	assert_int_equal(gd_image_find(&first, "P.X"), -1);
+
+	conf.previous = &first;
+	conf.keep = true;
+	conf.features = "P,albedo";
+	frame(&im, "half", 2);
+	positions(&im);
+	gd_row(plane(&im, "P.X"), 7)[9] = NAN;
+	assert_int_equal(gd_denoise_run(&im, &conf, &result, NULL, NULL), GD_OK);
+	assert_true(result.followed > 0.9 && result.mean_frames > 1.8);
+	assert_true(isnan(gd_row(plane(&im, "P.X"), 7)[9]));	/* as it was read */
+	assert_true(gd_row(plane(&im, "P.Y"), 7)[9] == 7);
+
+	gd_image_init(&other, 2, 2);
+	conf.previous = &other;
+	err = (struct gd_err){ 0 };
+	assert_int_equal(run(&im, &conf, &err), GD_ESHAPE);
+	conf.layers = "light";
+	add(&im, "light", 3, 1, 0, 5);
+	assert_int_equal(gd_denoise_want(&im, &conf, NULL), GD_EARG);
+	gd_image_free(&first);
+	gd_image_free(&im);
+	gd_image_free(&other);
+}
+
+/* Of a neighbour only what is used is read; one that lacks it is refused. */
+static void test_neighbours(void **state)
+{
+	struct gd_denoise_conf conf = GD_DENOISE_DEFAULTS;
+	struct gd_image im = { 0 }, other[2] = { { 0 } };
+	struct gd_err err = { 0 };
+
+	(void)state;
+	conf.neighbour = other;
+	conf.nneighbour = 2;
+	conf.keep = true;
+	frame(&im, "bin", 3);
+	positions(&im);
+	gd_row(plane(&im, "Z"), 3)[4] = 1e9f;
+	for (int i = 0; i < 2; i++) {
+		frame(&other[i], i ? "half" : "bin", i ? 2 : 4);
+		add(&other[i], "ao", 1, 1, 0, 3);
+		gd_row(plane(&other[i], "albedo.R"), 2)[2] = NAN;
+	}
+	positions(&other[0]);
+	for (int i = 0; i < 2; i++) {
+		assert_int_equal(gd_denoise_want_neighbour(&other[i], &im, &conf, &err), GD_OK);
+		assert_int_equal(other[i].chan[gd_image_find(&other[i], "ao")].want, GD_DROP);
+		assert_int_equal(other[i].chan[gd_image_find(&other[i], "Z")].want, GD_READ);
+	}
+	assert_int_equal(other[0].chan[gd_image_find(&other[0], "P.Y")].want, GD_READ);
+	assert_int_equal(run(&im, &conf, &err), GD_OK);
+	assert_true(gd_row(plane(&im, "Z"), 3)[4] == 1e9f);
+	assert_finite(&im);
+	for (int i = 0; i < 2; i++)
+		gd_image_free(&other[i]);
+
+	frame(&other[0], "half", 2);
+	gd_image_drop(&other[0], "Z");
+	assert_int_equal(gd_denoise_want_neighbour(&other[0], &im, &conf, &err), GD_ESHAPE);
+	assert_string_equal(err.text, "no layer Z, which the frame to denoise has");
+	add(&other[0], "Z", 3, 4, 0, 1);
+	err = (struct gd_err){ 0 };
+	assert_int_equal(gd_denoise_want_neighbour(&other[0], &im, &conf, &err), GD_ESHAPE);
+	assert_string_equal(err.text, "layer Z has 3 channels, expected 1");
+	gd_image_free(&other[0]);
+	frame(&other[0], "half", 2);
+	gd_image_drop(&other[0], "half1.G");
+	err = (struct gd_err){ 0 };
+	assert_int_equal(gd_denoise_want_neighbour(&other[0], &im, &conf, &err), GD_ESHAPE);
+	assert_string_equal(err.text, "no halves and no bins, which the frame to denoise has");
+	gd_image_init(&other[1], W, H + 1);
+	err = (struct gd_err){ 0 };
+	assert_int_equal(gd_denoise_want_neighbour(&other[1], &im, &conf, &err), GD_ESHAPE);
+	assert_string_equal(err.text, "33 x 22 pixels, expected 33 x 21");
+	gd_image_free(&im);
+	gd_image_free(&other[0]);
+	gd_image_free(&other[1]);
+}
+
+/* The counts that a cross-fitted method gets. */
+static void counts(struct gd_image *im, struct gd_crossfit_in *in, float at[2])
+{
+	struct gd_denoise_conf conf = GD_DENOISE_DEFAULTS;
+	struct denoise_job job = { .im = im, .conf = &conf, .keep = true };
+	struct gd_apr_frame *f = gd_calloc(1, sizeof *f);
+	struct gd_plane (*bin)[3] = gd_calloc(GD_MAX_BINS, sizeof *bin);
+	float *made[3] = { 0 };
+	size_t mended = 0;
+
+	*in = (struct gd_crossfit_in){ 0 };
+	assert_int_equal(gd_denoise_choose(&job, NULL), GD_OK);
+	assert_int_equal(gd_denoise_frame(&job, f, bin, NULL), GD_OK);
+	assert_int_equal(gd_denoise_halves(&job, f, in, made, &mended, NULL, NULL), GD_OK);
+	for (int h = 0; h < 2; h++)
+		at[h] = in->count[h].v ? gd_row(in->count[h], 2)[8] : -1;
+	for (int c = 0; c < 3; c++)
+		free(made[c]);
+	free(f);
+	free(bin);
+	gd_denoise_free(&job);
+}
+
+static void test_counts(void **state)
+{
+	struct gd_crossfit_in *in = gd_calloc(1, sizeof *in);
+	struct gd_image im = { 0 };
+	float at[2];
+
+	(void)state;
+	frame(&im, "bin", 3);
+	counts(&im, in, at);
+	assert_true(at[0] < 0 && at[1] < 0);
+	add(&im, "samples", 1, 5, 0, 1);		/* 5 + x / 8 */
+	counts(&im, in, at);
+	assert_true(fabsf(at[0] - 4) < 1e-5f && fabsf(at[1] - 2) < 1e-5f);
+	for (int y = 0; y < H; y++)
+		for (int x = 0; x < W; x++)
+			gd_row(plane(&im, "samples"), y)[x] = 16;
+	counts(&im, in, at);
+	assert_true(at[0] < 0 && at[1] < 0);
+	add(&im, "half0.samples", 1, 1, 0, 1);
+	add(&im, "half1.samples", 1, 7, 0, 1);
+	gd_row(plane(&im, "half1.samples"), 2)[8] = NAN;
+	counts(&im, in, at);
+	assert_true(at[0] == 2 && at[1] == 0);
+	gd_image_free(&im);
+	free(in);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -299,6 +510,8 @@ int main(void)
 		cmocka_unit_test(test_too_many_features), cmocka_unit_test(test_bins_as_halves),
 		cmocka_unit_test(test_odd_bins), cmocka_unit_test(test_keep_and_drop),
 		cmocka_unit_test(test_look_alikes), cmocka_unit_test(test_no_numbers),
+		cmocka_unit_test(test_linear), cmocka_unit_test(test_sequence),
+		cmocka_unit_test(test_neighbours), cmocka_unit_test(test_counts),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
