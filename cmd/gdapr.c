@@ -78,6 +78,7 @@ static void tell(struct gd_cli *cli, const struct gd_denoise_conf *conf,
 	gd_cli_stat(cli, "spikes", result->spikes);
 	gd_cli_stat(cli, "mended", (double)result->mended);
 	gd_cli_stat(cli, "filterSeconds", result->filter_seconds);
+	gd_cli_stat(cli, "gatherSeconds", result->gather_seconds);
 	gd_cli_stat(cli, "pilotSeconds", result->pilot_seconds);
 	gd_cli_stat(cli, "fitSeconds", result->fit_seconds);
 }
@@ -91,6 +92,9 @@ static int load_neighbours(struct gd_cli *cli, struct gd_image *other, const str
 	for (int i = 0; i < list->n && rc == GD_OK; i++) {
 		struct gd_exr *file;
 
+		if (!strcmp(list->v[i], "-") && !strcmp(cli->input, "-"))
+			return gd_fail(err, GD_EARG,
+				       "--neighbours -: standard input is the frame to denoise");
 		cli->about = list->v[i];
 		rc = gd_cli_open(cli, &file, &other[i], list->v[i], err);
 		if (rc == GD_OK)

@@ -20,6 +20,7 @@ static int fit_crossfit(struct denoise_job *job, struct gd_crossfit_out *out,
 			cross.models, in->self ? "" : "cross-fitted ", cross.models > 1 ? "s" : "",
 			in->self ? "" : " of either half", cross.gain);
 	result->models = (size_t)cross.models;
+	result->gather_seconds = cross.gather_seconds;
 	result->pilot_seconds = cross.pilot_seconds;
 	result->fit_seconds = cross.fit_seconds;
 	return rc;

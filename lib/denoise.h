@@ -58,7 +58,7 @@ struct gd_denoise_result {
 	double mean_features;		/* in use, over the pixels */
 	double followed;		/* share of pixels known from the frame before */
 	double mean_frames;		/* that a pixel was followed */
-	double filter_seconds, pilot_seconds, fit_seconds, time_seconds;
+	double filter_seconds, gather_seconds, pilot_seconds, fit_seconds, time_seconds;
 };
 
 /*

@@ -212,3 +212,54 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 	run gdrelmse -q --max 1e-12 -r without.exr auto.exr
 	[ "$status" -eq 0 ]
 }
+
+# pan N FILE: two bins of noise of their own on a checker board that moves two pixels a frame, with positions.
+pan() {
+	local b at="(\$x + 2 * $1)" parts=()
+	for b in 0 1; do
+		parts+=("bin$b.R=my \$n = sin(\$x * 12.9 + \$y * 78.2 + $1 * 3.7 + $b) * 437.5; \$n -= int \$n; 1 + int($at / 8) % 2 + 0.5 * \$n"
+			bin$b.G=1 bin$b.B=0.5)
+	done
+	"$support/mkexr.pl" "$2" 48 24 "${parts[@]}" R="1 + int($at / 8) % 2" G=1 B=0.5 Z="int($at / 8) % 2" \
+		P.X="$at" P.Y='$y' P.Z=1 unused.R=1 unused.G=1 unused.B=1
+}
+
+@test "--neighbours: frames before and after lower the noise" {
+	for i in 0 1 2; do pan $i f$i.exr; done
+	pan 1 want.exr
+	PATH=${gdapr%/*}:$PATH
+	"$gdapr" f1.exr alone.exr --compression none
+	"$gdapr" f1.exr with.exr --compression none --stats s.json --neighbours f0.exr f2.exr
+	grep -q '"frames": 3' s.json
+	error() { gdrelmse -q --format tsv -r want.exr "$1" | awk -F'\t' 'NR == 2 { print $2 }'; }
+	awk -v a="$(error alone.exr)" -v b="$(error with.exr)" 'BEGIN { exit !(b < 0.8 * a) }' || { error alone.exr; error with.exr; return 1; }
+	[ "$(names alone.exr)" = "$(names with.exr)" ]	# P is gone, what is not known stays
+	[[ " $(names with.exr)" == *" unused.R "* ]]
+	# frames in any order
+	"$gdapr" f1.exr turned.exr --compression none --neighbours f2.exr f0.exr
+	near "$(val with.exr R 20 11)" "$(val turned.exr R 20 11)" 1e-5
+	# without positions: the same pixels are looked at
+	"$support/mkexr.pl" still.exr 48 24 R=1 G=1 B=0.5 bin0.R=1 bin0.G=1 bin0.B=0.5 bin1.R=1 bin1.G=1 bin1.B=0.5 Z=0
+	"$gdapr" -v f1.exr out.exr --neighbours still.exr 2>said
+	grep -q "without world positions" said
+}
+
+@test "--neighbours: what does not fit is named with its file" {
+	pan 0 in.exr
+	"$support/mkexr.pl" small.exr 5 4 R=1 G=1 B=1
+	"$support/mkexr.pl" bare.exr 48 24 R=1 G=1 B=1 Z=1
+	"$support/mkexr.pl" blind.exr 48 24 R=1 G=1 B=1 bin0.R=1 bin0.G=1 bin0.B=1 bin1.R=1 bin1.G=1 bin1.B=1
+	"$support/mkexr.pl" grey.exr 48 24 R=1 B=1
+	for t in "small.exr: 5 x 4 pixels, expected 48 x 24" "bare.exr: no halves and no bins, which the frame to denoise has" \
+		"blind.exr: no layer Z, which the frame to denoise has" "grey.exr: no channel G" "nowhere.exr: No such file or directory"; do
+		run -2 --separate-stderr "$gdapr" in.exr out.exr --neighbours in.exr "${t%%:*}"
+		[ "$stderr" = "gdapr: $t" ] || { echo "$stderr"; return 1; }
+		[ ! -e out.exr ]
+	done
+	run -2 --separate-stderr "$gdapr" in.exr out.exr --neighbours in.exr in.exr in.exr in.exr in.exr
+	[ "$stderr" = "gdapr: --neighbours: 5 files, at most 4" ]
+	run -2 --separate-stderr "$gdapr" --paper in.exr out.exr --neighbours in.exr
+	[[ "$stderr" == *"--neighbours is for cross-fitting"* ]]
+	run -2 --separate-stderr bash -c "'$gdapr' -o out.exr --neighbours - <in.exr"
+	[ "$stderr" = "gdapr: --neighbours -: standard input is the frame to denoise" ]
+}
