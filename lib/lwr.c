@@ -261,7 +261,6 @@ static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 	p->nvar = in->var && !p->twin ? p->nc : 0;
 	p->by_error = conf->by_error;
 	p->y = in->y;
-	p->weight = in->weight;
 	p->noise = conf->feature_noise;
 	p->ridge = conf->ridge;
 	p->level2 = gd_lwr_level(in->y, p->nc);

@@ -12,114 +12,148 @@
 #define AT_ONCE 3	/* planes predicted together */
 typedef gd_lwr_vec vec;
 
-GD_LWR_INLINE vec splat(double x)
-{
-	return x - (vec){ 0 };
-}
+#define splat gd_lwr_splat
+#define pick gd_lwr_pick
 
 GD_LWR_INLINE vec limit(vec v)
 {
-	vec low = splat(-(double)GD_LWR_LIMIT), high = splat((double)GD_LWR_LIMIT);
+	vec high = splat((double)GD_LWR_LIMIT);
 
-	for (int l = 0; l < LANES; l++) {
-		double x = v[l] > low[l] ? v[l] : low[l];
+	v = pick(v > -high, v, -high);
+	return pick(v < high, v, high);
+}
 
-		v[l] = x < high[l] ? x : high[l];
+/* Where a row of the window is: features read, estimates and maps written. */
+struct rows {
+	const float *feat[GD_LWR_FEATURES];
+	float *est[GD_LWR_RHS];
+	int maps;
+	float *map[GD_LWR_MAPS];
+	double add[GD_LWR_MAPS];	/* to the maps */
+	size_t map_stride[GD_LWR_MAPS];
+};
+
+static void add_map(struct rows *r, struct gd_plane map, int y, double v)
+{
+	if (!map.v)
+		return;
+	r->map[r->maps] = gd_row(map, y);
+	r->map_stride[r->maps] = map.stride;
+	r->add[r->maps++] = v;
+}
+
+static void open_rows(struct rows *r, const struct gd_lwr_plan *p, const struct gd_lwr_model *m,
+		      int y)
+{
+	for (int a = 0; a < p->nf; a++)
+		r->feat[a] = gd_row(p->feat[a], y);
+	for (int c = 0; c < p->ny; c++)
+		r->est[c] = gd_row(p->est[c], y);
+	r->maps = 0;
+	add_map(r, p->total, y, 1);
+	for (int c = 0; p->mse && c < p->nc; c++) {
+		double xi = m->xi[c] > 0 ? m->xi[c] : 0;
+
+		add_map(r, p->mse[c], y, xi < (double)GD_LWR_LIMIT ? xi : (double)GD_LWR_LIMIT);
 	}
-	return v;
+	add_map(r, p->out_radius, y, m->radius);
+	add_map(r, p->out_features, y, m->features);
+}
+
+static void next_rows(struct rows *r, const struct gd_lwr_plan *p)
+{
+	for (int a = 0; a < p->nf; a++)
+		r->feat[a] += p->feat[a].stride;
+	for (int c = 0; c < p->ny; c++)
+		r->est[c] += p->est[c].stride;
+	for (int k = 0; k < r->maps; k++)
+		r->map[k] += r->map_stride[k];
+}
+
+GD_LWR_INLINE void add(float *to, vec v)
+{
+	*(gd_lwr_float *)to += __builtin_convertvector(v, gd_lwr_float);
 }
 
 /* One vector of pixels from x on, planes c .. c+n-1. */
 GD_LWR_INLINE void group(const struct gd_lwr_plan *p, const struct gd_lwr_model *m,
-			 const float *const *feat, int x, int v, vec weight, int c, const int n,
-			 float *const *est, float *const *square)
+			 const struct rows *r, int x, vec u, double v, vec weight, int c,
+			 const int n)
 {
-	vec u = { 0 }, sum[AT_ONCE];
+	const double *b = m->b + c * p->p, *ref = m->ref + 3;
+	vec sum[AT_ONCE];
 
-	for (int l = 0; l < LANES; l++)
-		u[l] = x + l - m->x;
 	for (int k = 0; k < n; k++) {
-		const double *b = m->b + (c + k) * p->p;
+		const double *bk = b + k * p->p;
 
-		sum[k] = (b[0] + b[2] * v) + b[1] * u;
+		sum[k] = (bk[0] + bk[2] * v) + bk[1] * u;
 	}
-	for (int a = 0; a < p->nf; a++) {
-		vec z = __builtin_convertvector(*(const gd_lwr_float *)(feat[a] + x), vec) -
-			m->ref[3 + a];
+	b += 3;
+	for (int a = 0; a < p->nf; a++, b++) {
+		vec z = __builtin_convertvector(*(const gd_lwr_float *)(r->feat[a] + x), vec) -
+			ref[a];
 
 		for (int k = 0; k < n; k++)
-			sum[k] += m->b[(c + k) * p->p + 3 + a] * z;
+			sum[k] += b[k * p->p] * z;
 	}
 	for (int k = 0; k < n; k++) {
-		gd_lwr_float *to = (gd_lwr_float *)(est[c + k] + x);
-		vec level = splat(c + k < p->nc ? m->ref[p->p + c + k] : 0);
+		double level = c + k < p->nc ? m->ref[p->p + c + k] : 0;
 
-		vec value = limit(sum[k] + level);
-
-		*to += __builtin_convertvector(weight * value, gd_lwr_float);
-		if (p->spread && c + k < p->nc) {
-			to = (gd_lwr_float *)(square[c + k] + x);
-			*to += __builtin_convertvector(weight * limit(value * value), gd_lwr_float);
-		}
+		add(r->est[c + k] + x, weight * limit(sum[k] + level));
 	}
 }
 
 /* The same for an image narrower than a vector. */
 static void single(const struct gd_lwr_plan *p, const struct gd_lwr_model *m,
-		   const float *const *feat, int x, int v, float *const *est, float *const *square)
+		   const struct rows *r, int x, int v)
 {
 	for (int c = 0; c < p->ny; c++) {
 		const double *b = m->b + c * p->p;
 		double sum = b[0] + b[1] * (x - m->x) + b[2] * v;
 
 		for (int a = 0; a < p->nf; a++)
-			sum += b[3 + a] * ((double)feat[a][x] - m->ref[3 + a]);
+			sum += b[3 + a] * ((double)r->feat[a][x] - m->ref[3 + a]);
 		sum += c < p->nc ? m->ref[p->p + c] : 0;
 		sum = sum > -(double)GD_LWR_LIMIT ? sum : -(double)GD_LWR_LIMIT;
 		sum = sum < (double)GD_LWR_LIMIT ? sum : (double)GD_LWR_LIMIT;
-		est[c][x] += (float)(m->weight * sum);
-		if (p->spread && c < p->nc)
-			square[c][x] += (float)(m->weight * fmin(sum * sum, (double)GD_LWR_LIMIT));
+		r->est[c][x] += (float)(m->weight * sum);
 	}
+	for (int k = 0; k < r->maps; k++)
+		r->map[k][x] += (float)(m->weight * r->add[k]);
 }
 
-static void predict_row(const struct gd_lwr_plan *p, const struct gd_lwr_model *m, int y, int x0,
-			int x1)
-{
-	const float *feat[GD_LWR_FEATURES];
-	float *est[GD_LWR_RHS], *square[3] = { 0 };
+/* LANES zeros, as many ones, zeros again. */
+static const double edge[3 * LANES] = {
+	[LANES] = 1, 1,
+#if GD_LWR_LANES >= 4
+	1, 1,
+#endif
+#if GD_LWR_LANES >= 8
+	1, 1, 1, 1,
+#endif
+};
 
-	for (int a = 0; a < p->nf; a++)
-		feat[a] = gd_row(p->feat[a], y);
-	for (int c = 0; c < p->ny; c++)
-		est[c] = gd_row(p->est[c], y);
-	for (int c = 0; p->spread && c < p->nc; c++)
-		square[c] = gd_row(p->spread[c], y);
-	if (p->w < LANES) {
-		for (int x = x0; x < x1; x++)
-			single(p, m, feat, x, y - m->y, est, square);
-		return;
-	}
+static void predict_row(const struct gd_lwr_plan *p, const struct gd_lwr_model *m,
+			const struct rows *r, int v, int x0, int x1)
+{
+	vec lane;
+
+	for (int l = 0; l < LANES; l++)
+		lane[l] = l - m->x;
 	for (int start = x0; start < x1; start += LANES) {
 		int x = start + LANES <= p->w ? start : p->w - LANES, c = 0;
-		vec weight;
+		int before = start - x, from = x1 - x < LANES ? LANES - (x1 - x) : 0;
+		vec u = lane + (double)x, weight = m->weight *
+			(*(const gd_lwr_any *)(edge + LANES - before) *
+			 *(const gd_lwr_any *)(edge + LANES + from));
 
-		for (int l = 0; l < LANES; l++)
-			weight[l] = x + l >= start && x + l < x1 ? m->weight : 0;
 		for (; c + AT_ONCE <= p->ny; c += AT_ONCE)
-			group(p, m, feat, x, y - m->y, weight, c, AT_ONCE, est,
-			      square);
+			group(p, m, r, x, u, v, weight, c, AT_ONCE);
 		for (; c < p->ny; c++)
-			group(p, m, feat, x, y - m->y, weight, c, 1, est, square);
+			group(p, m, r, x, u, v, weight, c, 1);
+		for (int k = 0; k < r->maps; k++)
+			add(r->map[k] + x, weight * r->add[k]);
 	}
-}
-
-static void add(struct gd_plane to, int y, int x0, int x1, float v)
-{
-	float *row = to.v ? gd_row(to, y) : NULL;
-
-	for (int x = x0; row && x < x1; x++)
-		row[x] += v;
 }
 
 void gd_lwr_predict(const struct gd_lwr_plan *p, const struct gd_lwr_model *m)
@@ -127,18 +161,16 @@ void gd_lwr_predict(const struct gd_lwr_plan *p, const struct gd_lwr_model *m)
 	const int r = m->radius;
 	const int x0 = m->x > r ? m->x - r : 0, x1 = m->x + r < p->w ? m->x + r + 1 : p->w;
 	const int y0 = m->y > r ? m->y - r : 0, y1 = m->y + r < p->h ? m->y + r + 1 : p->h;
+	struct rows rows;
 
+	open_rows(&rows, p, m, y0);
 	for (int y = y0; y < y1; y++) {
-		predict_row(p, m, y, x0, x1);
-		add(p->total, y, x0, x1, (float)m->weight);
-		for (int c = 0; p->mse && c < p->nc; c++) {
-			double xi = m->xi[c] > 0 ? m->xi[c] : 0;
-
-			xi = xi < (double)GD_LWR_LIMIT ? xi : (double)GD_LWR_LIMIT;
-			add(p->mse[c], y, x0, x1, (float)(m->weight * xi));
-		}
-		add(p->out_radius, y, x0, x1, (float)(m->weight * r));
-		add(p->out_features, y, x0, x1, (float)(m->weight * m->features));
+		if (p->w < LANES)
+			for (int x = x0; x < x1; x++)
+				single(p, m, &rows, x, y - m->y);
+		else
+			predict_row(p, m, &rows, y - m->y, x0, x1);
+		next_rows(&rows, p);
 	}
 	if (p->out_centre.v)
 		gd_row(p->out_centre, m->y)[m->x] = 1;
