@@ -16,7 +16,6 @@
 
 #define GD_LWR_TILE	64	/* pixels; > 2 * (GD_LWR_RADIUS + 8): tiles a tile apart never touch */
 #define GD_LWR_COLUMNS	(3 + GD_LWR_FEATURES)
-#define GD_LWR_MAPS	6	/* total, error of three channels, radius, features */
 #define GD_LWR_LIMIT	1e35f	/* predictions are cut to that: sums of them stay finite */
 
 struct gd_lwr_plan {
@@ -42,9 +41,14 @@ struct gd_lwr_plan {
 	double flat[GD_LWR_FEATURES];	/* flat, times the square of the feature's range */
 	double ridge;
 	double level2;			/* added to a squared mean where channels are weighed; > 0 */
-	const struct gd_plane *est;	/* sums until the end */
-	const struct gd_plane *mse, *spread;	/* NULL: not wanted; spread: of squares */
-	struct gd_plane total;			/* of the weights of predictions */
+	const struct gd_plane *est, *mse, *spread;	/* mse, spread: NULL: not wanted */
+	/*
+	 * Sums over the models that cover a pixel, weighed by what each has to say; `sums` floats a
+	 * pixel, in fours: estimates by threes, the first with the weights; from at_error on (0: not
+	 * wanted) errors and radius; from at_spread on squared estimates and features.
+	 */
+	float *sum;
+	size_t sums, at_error, at_spread;
 	struct gd_plane out_radius, out_features, out_centre;	/* v = NULL: not wanted */
 	unsigned char *mark;		/* w * h: a centre of this pass */
 	int nx, nrow, *cx, *cy;		/* the grid of this pass */

@@ -13,6 +13,16 @@ typedef gd_lwr_vec vec;
 
 #define splat gd_lwr_splat
 
+/* The compiler makes one instruction of this loop, but several of a conversion of vectors. */
+GD_LWR_INLINE vec widen(const float *v)
+{
+	double x[LANES] __attribute__((aligned(8 * LANES)));
+
+	for (int l = 0; l < LANES; l++)
+		x[l] = (double)v[l];
+	return *(const vec *)x;
+}
+
 /* Doubles from one pixel of a ring to the next, and between rows of its moments. */
 int gd_lwr_pitch(int columns)
 {
@@ -96,8 +106,7 @@ GD_LWR_INLINE void line_up(const struct gd_lwr_plan *p, const struct strip *s, i
 
 		/* what lies before a pixel's first feature is of no meaning, but finite */
 		for (int k = 0; k < vectors; k++) {
-			v[k] = __builtin_convertvector(*(const gd_lwr_float *)(px - 3 + k * LANES),
-						       vec);
+			v[k] = widen(px - 3 + k * LANES);
 			v[k] = k < FIRST ? v[k] * keep[k] + less[k] : v[k] + less[k];
 		}
 		if (p->root > 0) {
@@ -149,8 +158,7 @@ static void add_up(const struct gd_lwr_plan *p, const struct strip *s, double *s
 		vec v = { 0 };
 
 		for (int i = 0; i < s->n; i++) {
-			vec here = __builtin_convertvector(
-				*(const gd_lwr_float *)(at + (size_t)i * step), vec);
+			vec here = widen(at + (size_t)i * step);
 
 			if (p->root > 0) {
 				double root = (double)px[(size_t)i * step + (size_t)p->root];
@@ -189,6 +197,28 @@ static int strips(const struct gd_lwr_plan *p, int x, int y, int r, struct strip
 	return n;
 }
 
+/*
+ * Asks for the pixels of a ring ahead of time: the sides of rings lie in as many rows, which no
+ * processor foresees.
+ */
+static void fetch(const struct gd_lwr_plan *p, int x, int y, int r)
+{
+	struct strip strip[4];
+	const int count = strips(p, x, y, r, strip);
+
+	for (int i = 0; i < count; i++) {
+		const struct strip *s = strip + i;
+		const size_t step = s->down ? (size_t)p->w * p->pitch : p->pitch;
+		const float *px = p->pixel +
+				  ((size_t)s->y * (size_t)p->w + (size_t)s->x) * p->pitch;
+
+		for (int k = 0; k < s->n; k++, px += step) {
+			__builtin_prefetch(px);
+			__builtin_prefetch(px + p->pitch - 1);
+		}
+	}
+}
+
 void gd_lwr_ring_pixel(const struct gd_lwr_plan *p, int px, int py, int x, int y,
 		       const double *ref, double *z)
 {
@@ -204,6 +234,7 @@ void gd_lwr_ring_pixels(const struct gd_lwr_plan *p, int x, int y, int r, const 
 	const int count = strips(p, x, y, r, strip);
 
 	line_up_all(p, strip, count, x, y, ref, ring->z);
+	fetch(p, x, y, r + 1);
 	for (int k = 0; k < p->nvar + p->nfv; k++)
 		ring->s[p->nc + k] = 0;
 	ring->n = 0;
