@@ -1,34 +1,14 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "temporal.h"
+#include "temporal_impl.h"
 
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
-#define NOWHERE (-1)	/* no pixel of the previous frame shows this place */
-
+static const float most = FLT_MAX / 1e4f;	/* brighter pixels are cut to that */
 static const double paper_delta = 1e-3;	/* 1 / first variance, of both coefficients */
 static const double cap = 2e3;		/* most that variances may be, in those of one frame's */
-static const double same_place = 3;	/* pixels: farther apart are two places */
-static const double slope_prior = 0.02;	/* of the colour, per frame: how light changes */
-static const double doubt = 1.0;	/* squared misfit over its expectation that is still chance */
-
-/* What a pixel of the previous frame says of this one. */
-struct guess {
-	float v[3], slope[3];
-	float p[3];		/* 00, 01, 11 */
-	float at[3];		/* world position */
-	float frames;		/* 0: it says nothing */
-};
-
-struct work {
-	int w, h;
-	struct guess *guess;	/* w * h */
-	int *match;		/* index of the guess taken, or NOWHERE */
-	float *misfit;		/* squared, mean of the channels; then of the pixels around */
-	float *row;		/* a copy of it */
-};
+static const double slope_prior = 0.005; /* of the colour, per frame: how light usually changes */
 
 static const char *const channel[GD_TEMPORAL_PLANES] = {
 	"state.value.R", "state.value.G", "state.value.B",
@@ -80,18 +60,18 @@ int gd_temporal_add(struct gd_temporal_state *state, struct gd_image *im, struct
 
 /* ---- what the previous frame foretells ---- */
 
-static bool sound(const struct guess *g)
+static bool sound(const struct gd_temporal_model *g)
 {
 	float sum = 0;
 
 	for (int c = 0; c < 3; c++)
 		sum += fabsf(g->v[c]) + fabsf(g->slope[c]) + fabsf(g->p[c]) + fabsf(g->at[c]);
 	return sum < FLT_MAX && g->frames >= 1 && g->frames < FLT_MAX && g->p[0] >= 0 &&
-	       g->p[2] >= 0 && g->p[1] * g->p[1] <= 1.01f * g->p[0] * g->p[2] + FLT_MIN;
+	       g->p[2] >= 0 && fabs((double)g->p[1]) <= 1.01 * sqrt((double)g->p[0] * (double)g->p[2]);
 }
 
 /* One frame on: t is counted from the new one, so that value and slope mix. */
-static void move_on(struct guess *g)
+static void move_on(struct gd_temporal_model *g)
 {
 	for (int c = 0; c < 3; c++)
 		g->v[c] += g->slope[c];
@@ -100,7 +80,7 @@ static void move_on(struct guess *g)
 	g->p[0] = fmaxf(g->p[0], 0);
 }
 
-static void foretell(struct work *k, const struct gd_temporal_state *prev)
+static void foretell(struct gd_temporal_work *k, const struct gd_temporal_state *prev)
 {
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < k->h; y++) {
@@ -109,82 +89,32 @@ static void foretell(struct work *k, const struct gd_temporal_state *prev)
 		for (int i = 0; i < GD_TEMPORAL_PLANES; i++)
 			row[i] = gd_row(prev->plane[i], y);
 		for (int x = 0; x < k->w; x++) {
-			struct guess *g = &k->guess[(size_t)y * (size_t)k->w + (size_t)x];
+			struct gd_temporal_model g;
 
 			for (int c = 0; c < 3; c++) {
-				g->v[c] = row[GD_TEMPORAL_VALUE + c][x];
-				g->slope[c] = row[GD_TEMPORAL_SLOPE + c][x];
-				g->p[c] = row[GD_TEMPORAL_P + c][x];
-				g->at[c] = row[GD_TEMPORAL_POSITION + c][x];
+				g.v[c] = row[GD_TEMPORAL_VALUE + c][x];
+				g.slope[c] = row[GD_TEMPORAL_SLOPE + c][x];
+				g.p[c] = row[GD_TEMPORAL_P + c][x];
+				g.at[c] = row[GD_TEMPORAL_POSITION + c][x];
 			}
-			g->frames = row[GD_TEMPORAL_FRAMES][x];
-			if (!sound(g)) {
-				*g = (struct guess){ 0 };
-				continue;
-			}
-			move_on(g);
-			if (!sound(g))
-				*g = (struct guess){ 0 };
+			g.frames = row[GD_TEMPORAL_FRAMES][x];
+			if (sound(&g))
+				move_on(&g);
+			k->before[gd_temporal_index(k, x, y)] =
+				sound(&g) ? g : (struct gd_temporal_model){ 0 };
 		}
 	}
 }
 
-/* ---- the same place in the previous frame ---- */
-
-struct here {
-	float y[3], at[3];
-	float s2;		/* squared error of y, mean of the channels */
-	float size2;		/* squared distance of neighbouring pixels' positions */
-	bool nothing;		/* no position: it is the sky */
-};
-
-static bool is_nothing(const float at[3])
-{
-	return at[0] == 0 && at[1] == 0 && at[2] == 0;
-}
-
-static float distance2(const float a[3], const float b[3])
-{
-	const float d0 = a[0] - b[0], d1 = a[1] - b[1], d2 = a[2] - b[2];
-
-	return d0 * d0 + d1 * d1 + d2 * d2;
-}
-
-static void position(const struct gd_temporal_in *in, int x, int y, float at[3])
-{
-	for (int c = 0; c < 3; c++) {
-		at[c] = gd_row(in->position[c], y)[x];
-		if (!(fabsf(at[c]) < 1e18f))
-			at[c] = 0;
-	}
-}
-
-/* How far apart neighbouring pixels are, squared: across and down, the nearer of two each. */
-static float footprint2(const struct gd_temporal_in *in, const struct work *k, int x, int y)
-{
-	static const int step[2][2] = { { 1, 0 }, { 0, 1 } };
-	float at[3], other[3], sum = 0;
-
-	position(in, x, y, at);
-	for (int a = 0; a < 2; a++) {
-		float least = FLT_MAX;
-
-		for (int s = -1; s <= 1; s += 2) {
-			const int x1 = x + s * step[a][0], y1 = y + s * step[a][1];
-
-			if (x1 < 0 || y1 < 0 || x1 >= k->w || y1 >= k->h)
-				continue;
-			position(in, x1, y1, other);
-			if (!is_nothing(other))
-				least = fminf(least, distance2(at, other));
-		}
-		sum += least < FLT_MAX ? least : 0;
-	}
-	return fmaxf(sum, FLT_MIN);
-}
+/* ---- this frame ---- */
 
 /* Squared error of a pixel, mean of the channels; unknown: the spread of the pixels around. */
-static float noise2(const struct gd_temporal_in *in, const struct work *k, int x, int y)
+static float number(float v)
+{
+	return isnan(v) ? 0 : fminf(fmaxf(v, -most), most);
+}
+
+static float noise2(const struct gd_temporal_in *in, const struct gd_temporal_work *k, int x, int y)
 {
 	double sum = 0, level = 0;
 
@@ -206,159 +136,93 @@ static float noise2(const struct gd_temporal_in *in, const struct work *k, int x
 	}
 	if (!(sum >= 0))
 		sum = level;
-	return (float)fmin(fmax(sum, 1e-8 * level), FLT_MAX / 1e6);
+	return (float)fmin(fmax(sum, 1e-8 * level), (double)most);
 }
 
-static struct here look(const struct gd_temporal_in *in, const struct work *k, int x, int y)
+static void look(struct gd_temporal_work *k, const struct gd_temporal_in *in)
 {
-	struct here p = { .s2 = noise2(in, k, x, y), .size2 = footprint2(in, k, x, y) };
-
-	for (int c = 0; c < 3; c++)
-		p.y[c] = gd_row(in->y[c], y)[x];
-	position(in, x, y, p.at);
-	p.nothing = is_nothing(p.at);
-	return p;
-}
-
-static float colour2(const float a[3], const float b[3])
-{
-	return distance2(a, b) / 3;
-}
-
-/*
- * The guess of the search window around (x, y) that fits best in position and colour, as an index;
- * both distances have a floor, so that none rules alone.
- */
-static int search(const struct work *k, const struct here *p, int x, int y, int radius)
-{
-	const int x0 = x > radius ? x - radius : 0, x1 = x + radius < k->w ? x + radius : k->w - 1;
-	const int y0 = y > radius ? y - radius : 0, y1 = y + radius < k->h ? y + radius : k->h - 1;
-	const float far2 = (float)(same_place * same_place);
-	float best = FLT_MAX;
-	int at = NOWHERE;
-
-	for (int j = y0; j <= y1; j++)
-		for (int i = x0; i <= x1; i++) {
-			const int o = j * k->w + i;
-			const struct guess *g = &k->guess[o];
-			const float screen2 = (float)((i - x) * (i - x) + (j - y) * (j - y));
-			float d2, cost;
-
-			if (g->frames < 1 || is_nothing(g->at) != p->nothing)
-				continue;
-			d2 = p->nothing ? screen2 : distance2(p->at, g->at) / p->size2;
-			if (!(d2 <= far2))
-				continue;
-			cost = (d2 + 1e-3f * screen2 + 0.25f) * (colour2(p->y, g->v) + p->s2 + g->p[0]);
-			if (cost < best) {
-				best = cost;
-				at = o;
-			}
-		}
-	return at;
-}
-
-static void match(struct work *k, const struct gd_temporal_in *in, int radius)
-{
-#pragma omp parallel for schedule(dynamic, 4)
-	for (int y = 0; y < k->h; y++)
-		for (int x = 0; x < k->w; x++) {
-			const size_t i = (size_t)y * (size_t)k->w + (size_t)x;
-			const struct here p = look(in, k, x, y);
-
-			k->match[i] = search(k, &p, x, y, radius);
-			k->misfit[i] = k->match[i] < 0 ? 0 :
-				       fminf(colour2(p.y, k->guess[k->match[i]].v), FLT_MAX / 1e6f);
-		}
-}
-
-/* Means of the squared misfit over the 5x5 pixels around that have one. */
-static void blur_misfit(struct work *k)
-{
-	memcpy(k->row, k->misfit, (size_t)k->w * (size_t)k->h * sizeof *k->row);
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < k->h; y++)
 		for (int x = 0; x < k->w; x++) {
-			double sum = 0;
-			int n = 0;
+			struct gd_temporal_here *p = k->here + gd_temporal_index(k, x, y);
 
-			for (int j = y > 2 ? y - 2 : 0; j <= y + 2 && j < k->h; j++)
-				for (int i = x > 2 ? x - 2 : 0; i <= x + 2 && i < k->w; i++) {
-					const size_t o = (size_t)j * (size_t)k->w + (size_t)i;
+			p->s2 = noise2(in, k, x, y);
+			for (int c = 0; c < 3; c++)
+				p->y[c] = number(gd_row(in->y[c], y)[x]);
+		}
+}
 
-					n += k->match[o] >= 0;
-					sum += (double)k->row[o];
-				}
-			k->misfit[(size_t)y * (size_t)k->w + (size_t)x] = n ? (float)(sum / n) : 0;
+/* Hands every pixel the model that is its match. */
+static void hand_on(struct gd_temporal_work *k)
+{
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < k->h; y++)
+		for (int x = 0; x < k->w; x++) {
+			const size_t i = gd_temporal_index(k, x, y);
+
+			k->model[i] = k->match[i] == GD_TEMPORAL_NOWHERE ?
+				(struct gd_temporal_model){ 0 } : k->before[k->match[i]];
 		}
 }
 
 /* ---- the recursion ---- */
 
-/* A model of one frame. */
-static void start(struct guess *m, const struct here *p, bool paper)
+/* A model of one frame: its colour, standing still as far as is known. */
+static struct gd_temporal_model start(const struct gd_temporal_here *p, bool paper)
 {
-	const double value2 = ((double)p->y[0] * (double)p->y[0] + (double)p->y[1] * (double)p->y[1] +
-			       (double)p->y[2] * (double)p->y[2]) / 3;
+	struct gd_temporal_model m = { .v = { p->y[0], p->y[1], p->y[2] }, .frames = 1 };
+	double value2 = 0;
 
-	*m = (struct guess){ .frames = 1 };
-	memcpy(m->v, p->y, sizeof m->v);
-	m->p[0] = paper ? (float)(1 / (1 + paper_delta)) : p->s2;
-	m->p[2] = paper ? (float)(1 / paper_delta) :
-			  (float)fmin(slope_prior * slope_prior * value2, FLT_MAX / 1e6);
+	for (int c = 0; c < 3; c++)
+		value2 += (double)p->y[c] * (double)p->y[c] / 3;
+	m.p[0] = paper ? (float)(1 / (1 + paper_delta)) : p->s2;
+	m.p[2] = paper ? (float)(1 / paper_delta) :
+			 (float)fmin(slope_prior * slope_prior * value2, (double)most);
+	return m;
 }
 
 /*
- * Takes one frame of variance s2 into the model, in Joseph's form: a sum of squares stays one
- * whatever the rounding.
+ * Takes a frame of variance s2 into the model; extra is added to the variance of the past. In
+ * Joseph's form, sums of what cannot be negative: whatever the rounding, P stays a covariance.
  */
-static void update(struct guess *m, const struct here *p, double s2, double forget, double extra)
+static void update(struct gd_temporal_model *m, const float y[3], double s2, double forget,
+		   double extra)
 {
-	double p00 = (double)m->p[0] / forget + extra, p01 = (double)m->p[1] / forget;
-	double p11 = (double)m->p[2] / forget;
-	const double sum = p00 + s2, g0 = sum > 0 ? p00 / sum : 1, g1 = sum > 0 ? p01 / sum : 0;
-	const double most = cap * s2;
+	const double p00 = (double)m->p[0] / forget + extra, p01 = (double)m->p[1] / forget;
+	const double p11 = (double)m->p[2] / forget, sum = p00 + s2;
+	const double g0 = sum > 0 ? p00 / sum : 1, g1 = sum > 0 ? p01 / sum : 0;
+	double q00 = (1 - g0) * (1 - g0) * p00 + g0 * g0 * s2;
+	double q01 = (1 - g0) * (p01 - g1 * p00) + g0 * g1 * s2;
+	double q11 = p11 - 2 * g1 * p01 + g1 * g1 * sum;
+	double scale;
 
 	for (int c = 0; c < 3; c++) {
-		const double e = (double)p->y[c] - (double)m->v[c];
+		const double e = (double)y[c] - (double)m->v[c];
 
 		m->v[c] = (float)((double)m->v[c] + g0 * e);
 		m->slope[c] = (float)((double)m->slope[c] + g1 * e);
 	}
-	p11 += g1 * (g1 * sum - 2 * p01);
-	p01 = (1 - g0) * (p01 - g1 * p00) + g0 * g1 * s2;
-	p00 = (1 - g0) * (1 - g0) * p00 + g0 * g0 * s2;
-	if (p00 + p11 > most && s2 > 0) {
-		const double f = most / (p00 + p11);
-
-		p00 *= f;
-		p01 *= f;
-		p11 *= f;
-	}
-	m->p[0] = (float)p00;
-	m->p[1] = (float)p01;
-	m->p[2] = (float)fmax(p11, 0);
-	m->frames += 1;
-}
-
-/* What the misfit around shows of change beyond what errors explain; a variance. */
-static double change(const struct guess *m, const struct here *p, double misfit, double forget)
-{
-	return fmax(0, misfit / doubt - (double)p->s2 - (double)m->p[0] / forget);
+	q11 = fmax(q11, q00 > 0 ? q01 * q01 / q00 : 0);
+	scale = fmin(1, cap * s2 / fmax(q00 + q11, DBL_MIN));
+	m->p[0] = (float)(q00 * scale);
+	m->p[1] = (float)(q01 * scale);
+	m->p[2] = (float)(q11 * scale);
+	m->frames = fminf(m->frames + 1, 1e6f);
 }
 
 static void store(const struct gd_temporal_out *out, const struct gd_temporal_in *in,
-		  const struct guess *m, const struct here *p, bool paper, int x, int y)
+		  const struct gd_temporal_model *m, const struct gd_temporal_here *p, double unit,
+		  int x, int y)
 {
 	const struct gd_plane *s = out->state.plane;
-	const double unit = paper ? 1 : (double)p->s2;
 	const double left = unit > 0 ? fmin((double)m->p[0] / unit, 1) : 1;
 
 	for (int c = 0; c < 3; c++) {
+		const double mse = in->mse[c].v ? (double)gd_row(in->mse[c], y)[x] : (double)p->s2;
+
 		if (out->mse[c].v)
-			gd_row(out->mse[c], y)[x] = in->mse[c].v ?
-				(float)(left * (double)gd_row(in->mse[c], y)[x]) :
-				(float)(left * (double)p->s2);
+			gd_row(out->mse[c], y)[x] =
+				mse >= 0 ? (float)fmin(left * mse, (double)most) : p->s2;
 		gd_row(out->est[c], y)[x] = m->v[c];
 		gd_row(s[GD_TEMPORAL_VALUE + c], y)[x] = m->v[c];
 		gd_row(s[GD_TEMPORAL_SLOPE + c], y)[x] = m->slope[c];
@@ -374,56 +238,47 @@ struct tally {
 };
 
 static void filter_row(const struct gd_temporal_out *out, const struct gd_temporal_in *in,
-		       const struct work *k, const struct here *here, int y,
+		       const struct gd_temporal_work *k, int y,
 		       const struct gd_temporal_conf *conf, struct tally *tally)
 {
 	for (int x = 0; x < k->w; x++) {
-		const size_t i = (size_t)y * (size_t)k->w + (size_t)x;
-		const struct here *p = here + x;
-		struct guess m;
-		double extra = 0;
+		const size_t i = gd_temporal_index(k, x, y);
+		const struct gd_temporal_here *p = k->here + i;
+		const double s2 = conf->paper ? 1 : (double)p->s2;
+		struct gd_temporal_model m = in->previous ? k->model[i] :
+							    (struct gd_temporal_model){ 0 };
+		const double change = m.frames > 0 && !conf->paper ? (double)k->change[i] : 0;
 
-		if (k->match && k->match[i] >= 0) {
-			m = k->guess[k->match[i]];
-			if (!conf->paper)
-				extra = change(&m, p, (double)k->misfit[i], conf->forget);
-			update(&m, p, conf->paper ? 1 : (double)p->s2, conf->forget, extra);
-		} else {
-			start(&m, p, conf->paper);
-		}
+		if (m.frames > 0)
+			update(&m, p->y, s2, conf->forget,
+			       change * (s2 + (double)m.p[0] / conf->forget));
+		else
+			m = start(p, conf->paper);
 		tally->fresh += m.frames < 2;
-		tally->changed += extra > 0;
+		tally->changed += change > 0;
 		tally->frames += (double)m.frames;
-		store(out, in, &m, p, conf->paper, x, y);
+		store(out, in, &m, p, s2, x, y);
 	}
 }
 
-/* A row is looked at as a whole before it is overwritten: results may go where the input is. */
 static int filter(const struct gd_temporal_out *out, const struct gd_temporal_in *in,
-		  const struct work *k, const struct gd_temporal_conf *conf,
+		  const struct gd_temporal_work *k, const struct gd_temporal_conf *conf,
 		  struct gd_temporal_result *result, struct gd_err *err)
 {
-	struct here *here = gd_alloc((size_t)k->w * (size_t)k->h, sizeof *here);
 	struct tally *tally = gd_calloc((size_t)k->h, sizeof *tally);
-	const bool ok = here && tally;
 
-	if (ok) {
+	if (!tally)
+		return gd_fail(err, GD_ENOMEM, "out of memory");
 #pragma omp parallel for schedule(static)
-		for (int y = 0; y < k->h; y++)
-			for (int x = 0; x < k->w; x++)
-				here[(size_t)y * (size_t)k->w + (size_t)x] = look(in, k, x, y);
-#pragma omp parallel for schedule(static)
-		for (int y = 0; y < k->h; y++)
-			filter_row(out, in, k, here + (size_t)y * (size_t)k->w, y, conf, tally + y);
-		for (int y = 0; y < k->h; y++) {
-			result->fresh += tally[y].fresh;
-			result->changed += tally[y].changed;
-			result->mean_frames += tally[y].frames / ((double)k->w * k->h);
-		}
+	for (int y = 0; y < k->h; y++)
+		filter_row(out, in, k, y, conf, tally + y);
+	for (int y = 0; y < k->h; y++) {
+		result->fresh += tally[y].fresh;
+		result->changed += tally[y].changed;
+		result->mean_frames += tally[y].frames / ((double)k->w * k->h);
 	}
 	free(tally);
-	free(here);
-	return ok ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
+	return GD_OK;
 }
 
 /* ---- all of it ---- */
@@ -454,46 +309,64 @@ static int check(const struct gd_temporal_in *in, const struct gd_temporal_conf 
 	return GD_OK;
 }
 
-static int prepare(struct work *k, const struct gd_temporal_in *in, struct gd_err *err)
+static int prepare(struct gd_temporal_work *k, const struct gd_temporal_in *in,
+		   struct gd_err *err)
 {
 	const size_t n = (size_t)in->y[0].w * (size_t)in->y[0].h;
 
 	k->w = in->y[0].w;
 	k->h = in->y[0].h;
-	if (!in->previous)
-		return GD_OK;
-	k->guess = gd_alloc(n, sizeof *k->guess);
-	k->match = gd_alloc(n, sizeof *k->match);
-	k->misfit = gd_alloc(n, sizeof *k->misfit);
-	k->row = gd_alloc(n, sizeof *k->row);
-	if (!k->guess || !k->match || !k->misfit || !k->row)
+	k->here = gd_calloc(n, sizeof *k->here);
+	if (in->previous) {
+		k->before = gd_alloc(n, sizeof *k->before);
+		k->model = gd_alloc(n, sizeof *k->model);
+		k->match = gd_alloc(n, sizeof *k->match);
+		k->change = gd_calloc(n, sizeof *k->change);
+	}
+	if (!k->here || (in->previous && (!k->before || !k->model || !k->match || !k->change)))
 		return gd_fail(err, GD_ENOMEM, "out of memory");
-	return GD_OK;
+	look(k, in);
+	return gd_temporal_locate(k, in->position, err);
+}
+
+/* Finds every pixel's model, as it foretells this frame, and where it fails to. */
+static int recall(struct gd_temporal_work *k, const struct gd_temporal_in *in,
+		  const struct gd_temporal_conf *conf, struct gd_err *err)
+{
+	int rc;
+
+	foretell(k, in->previous);
+	rc = gd_temporal_match(k, conf, err);
+	if (rc != GD_OK)
+		return rc;
+	hand_on(k);
+	if (conf->paper)
+		return GD_OK;
+	rc = gd_temporal_light(k, err);
+	return rc == GD_OK ? gd_temporal_change(k, conf->forget, err) : rc;
 }
 
 int gd_temporal_run(const struct gd_temporal_out *out, const struct gd_temporal_in *in,
 		    const struct gd_temporal_conf *conf, struct gd_temporal_result *result,
 		    const struct gd_report *report, struct gd_err *err)
 {
-	struct work k = { 0 };
+	struct gd_temporal_work k = { 0 };
 	int rc = check(in, conf, err);
 
 	*result = (struct gd_temporal_result){ 0 };
 	if (rc == GD_OK)
 		rc = prepare(&k, in, err);
-	if (rc == GD_OK && in->previous) {
-		foretell(&k, in->previous);
-		match(&k, in, conf->radius);
-		blur_misfit(&k);
-	}
+	if (rc == GD_OK && in->previous)
+		rc = recall(&k, in, conf, err);
 	if (rc == GD_OK)
 		rc = filter(out, in, &k, conf, result, err);
 	if (rc == GD_OK)
 		gd_note(report, "followed for %.1f frames on average; %zu pixels are new, the past "
 			"counts less in %zu", result->mean_frames, result->fresh, result->changed);
-	free(k.row);
-	free(k.misfit);
+	free(k.change);
 	free(k.match);
-	free(k.guess);
+	free(k.model);
+	free(k.before);
+	free(k.here);
 	return rc;
 }

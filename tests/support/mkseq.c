@@ -12,6 +12,7 @@
  *	object			a disc of another scene (object=DIR) moves 4 pixels per frame in front
  *	shadow			the edge of a shadow (light times 0.4) moves 3 pixels per frame
  *	ramp			all light times 1 + 0.05 t
+ *	lamp			light around the middle grows by 8 % a frame, falling off in a bell
  *	sudden			all light times 1.6 in the second half of the sequence
  * input=gpt16		4 frames of 2 bins each, with gradients; only gpt16.exr is needed
  * input=plain		8 frames of 2 bins each, one of path16eq.exr, one of gpt16.exr (without its
@@ -44,7 +45,7 @@ struct scene {
 
 struct seq {
 	struct scene back, disc;
-	bool pan, object, shadow, ramp, sudden, plain;
+	bool pan, object, shadow, ramp, lamp, sudden, plain;
 	int frames, step, w, h, shrink;
 };
 
@@ -73,6 +74,9 @@ static double light(const struct seq *s, int t, int x, int y)
 
 	if (s->ramp)
 		l *= 1 + 0.05 * t;
+	if (s->lamp)
+		l *= 1 + 0.08 * t * exp(-(pow(x - 0.5 * s->w * s->shrink, 2) +
+					  pow(y - 0.5 * s->h * s->shrink, 2)) / (2 * 50.0 * 50.0));
 	if (s->sudden && 2 * t >= s->frames)
 		l *= 1.6;
 	if (s->shadow && x > shadow_x(s, t, y))
@@ -141,8 +145,13 @@ static double sample(const struct seq *s, int t, const struct layer *l, int x, i
 	source(s, t, d, x, y, at);
 	if (l->kind >= FEATURE)
 		return (double)value(d ? l->disc : l->back, at);
-	if (d == on_disc(s, t, x1, y1) && light(s, t, x, y) == light(s, t, x1, y1))
-		return (double)value(d ? l->disc : l->back, at) * light(s, t, x, y);
+	if (d == on_disc(s, t, x1, y1)) {
+		const double here = light(s, t, x, y), there = light(s, t, x1, y1);
+		const double next = here == there ? 0 :
+			colour_at(s, t, l->back_colour, l->disc_colour, x1, y1) / there;
+
+		return (double)value(d ? l->disc : l->back, at) * here + next * (there - here);
+	}
 	return colour_at(s, t, l->back_colour, l->disc_colour, x1, y1) -
 	       colour_at(s, t, l->back_colour, l->disc_colour, x, y);
 }
@@ -411,14 +420,10 @@ static int write_frame(const struct seq *s, const char *dir, int t, struct gd_er
 
 static bool parse(struct seq *s, const char *kind, int n, char **option, const char **object)
 {
-	s->pan = strstr(kind, "pan");
-	s->object = strstr(kind, "object");
-	s->shadow = strstr(kind, "shadow");
-	s->ramp = strstr(kind, "ramp");
-	s->sudden = strstr(kind, "sudden");
-	*s = (struct seq){ .pan = s->pan, .object = s->object, .shadow = s->shadow, .ramp = s->ramp,
-			   .sudden = s->sudden, .frames = 4, .step = 3, .w = 232, .h = 192,
-			   .shrink = 1 };
+	*s = (struct seq){ .pan = strstr(kind, "pan"), .object = strstr(kind, "object"),
+			   .shadow = strstr(kind, "shadow"), .ramp = strstr(kind, "ramp"),
+			   .lamp = strstr(kind, "lamp"), .sudden = strstr(kind, "sudden"),
+			   .step = 3, .w = 232, .h = 192, .shrink = 1 };
 	for (int i = 0; i < n; i++) {
 		if (!strncmp(option[i], "step=", 5))
 			s->step = atoi(option[i] + 5);
