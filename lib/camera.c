@@ -6,13 +6,18 @@
 #include <string.h>
 
 #define SAMPLES	48	/* per axis */
-#define ROUNDS	6	/* of weighing by how far off points are */
-#define SWEEPS	30	/* of rotations: quadratic convergence takes fewer than 10 */
+#define ROUNDS	15	/* of weighing by how far off points are */
+#define SWEEPS	12	/* of rotations: quadratic convergence takes fewer than 10 */
 #define N	12	/* unknowns */
+#define THIN	1e-3	/* of the widest extent: points lie in a plane or on a line */
 
-/* Points and pixels about 0 and of size 1, in which sums do not cancel. */
+/*
+ * Points and pixels about 0 and of size 1, in which sums do not cancel: point = turn (p - at) along
+ * the axes of their spread; thin ones, along which they hardly differ, are 0.
+ */
 struct frame {
-	double at[3], scale;	/* of the points: (p - at) * scale */
+	double at[3], turn[3][3];
+	bool thin[3];
 	double cx, cy, half;	/* of the pixels */
 };
 
@@ -61,25 +66,111 @@ static double median(double *v, int n)
 	return v[n / 2];
 }
 
-static void normalise(struct frame *f, struct point *point, int n, int w, int h, double *spare)
+/* Turns axes p and q of the symmetric a (n x n), and columns of v, so that a[p][q] = 0. */
+static void rotate(double a[][N], double v[][N], int n, int p, int q)
+{
+	double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+	double t = (theta >= 0 ? 1 : -1) / (fabs(theta) + sqrt(theta * theta + 1));
+	double c = 1 / sqrt(t * t + 1), s = t * c;
+
+	for (int k = 0; k < n; k++) {
+		double x = a[k][p], y = a[k][q];
+
+		a[k][p] = c * x - s * y;
+		a[k][q] = s * x + c * y;
+	}
+	for (int k = 0; k < n; k++) {
+		double x = a[p][k], y = a[q][k];
+
+		a[p][k] = c * x - s * y;
+		a[q][k] = s * x + c * y;
+		x = v[k][p];
+		y = v[k][q];
+		v[k][p] = c * x - s * y;
+		v[k][q] = s * x + c * y;
+	}
+}
+
+/* Eigenvectors of a, as columns of v, and eigenvalues, left on a's diagonal: Jacobi's rotations. */
+static void eigen(double a[][N], double v[][N], int n)
+{
+	double size = 0;
+
+	for (int i = 0; i < n; i++) {
+		for (int j = 0; j < n; j++)
+			v[i][j] = i == j;
+		size += a[i][i];
+	}
+	for (int sweep = 0; sweep < SWEEPS; sweep++)
+		for (int p = 0; p < n; p++)
+			for (int q = p + 1; q < n; q++)
+				if (fabs(a[p][q]) > 1e-18 * size)
+					rotate(a, v, n, p, q);
+}
+
+/* Centre and size of the points, by medians. Returns the size. */
+static double middle(double at[3], const struct point *point, int n, double *spare)
 {
 	double size = 0;
 
 	for (int c = 0; c < 3; c++) {
 		for (int i = 0; i < n; i++)
 			spare[i] = point[i].p[c];
-		f->at[c] = median(spare, n);
+		at[c] = median(spare, n);
 		for (int i = 0; i < n; i++)
-			spare[i] = fabs(point[i].p[c] - f->at[c]);
+			spare[i] = fabs(point[i].p[c] - at[c]);
 		size = fmax(size, median(spare, n));
 	}
-	f->scale = size > 0 ? 1 / size : 1;
+	return size > 0 ? size : 1;
+}
+
+/* The axes along which points spread, each made of size 1; far points count less. */
+static void find_axes(struct frame *f, const struct point *point, int n, double size)
+{
+	double a[3][N] = { { 0 } }, v[3][N], most;
+
+	for (int i = 0; i < n; i++) {
+		double d[3], square = 0, weight;
+
+		for (int c = 0; c < 3; c++) {
+			d[c] = (point[i].p[c] - f->at[c]) / size;
+			square += d[c] * d[c];
+		}
+		weight = 1 / (n * (1 + square * square / 100));
+		for (int r = 0; r < 3; r++)
+			for (int c = 0; c < 3; c++)
+				a[r][c] += weight * d[r] * d[c];
+	}
+	eigen(a, v, 3);
+	most = sqrt(fmax(a[0][0], fmax(a[1][1], a[2][2])));
+	for (int r = 0; r < 3; r++) {
+		double extent = sqrt(fmax(a[r][r], 0));
+
+		f->thin[r] = !(extent > THIN * most);
+		for (int c = 0; c < 3; c++)
+			f->turn[r][c] = f->thin[r] ? 0 : v[c][r] / (size * extent);
+	}
+}
+
+static void normalise(struct frame *f, struct point *point, int n, int w, int h, double *spare)
+{
+	double size = middle(f->at, point, n, spare);
+
+	find_axes(f, point, n, size);
 	f->cx = 0.5 * (w - 1);
 	f->cy = 0.5 * (h - 1);
 	f->half = 0.5 * (w > h ? w : h);
 	for (int i = 0; i < n; i++) {
+		double d[3], far = 0;
+
 		for (int c = 0; c < 3; c++)
-			point[i].p[c] = (point[i].p[c] - f->at[c]) * f->scale;
+			d[c] = point[i].p[c] - f->at[c];
+		for (int r = 0; r < 3; r++)
+			point[i].p[r] = f->turn[r][0] * d[0] + f->turn[r][1] * d[1] +
+					f->turn[r][2] * d[2];
+		for (int r = 0; r < 3; r++)
+			far += point[i].p[r] * point[i].p[r];
+		point[i].weight = 1 / (1 + far * far / 100);	/* levers, until more is known */
 		point[i].x = (point[i].x - f->cx) / f->half;
 		point[i].y = (point[i].y - f->cy) / f->half;
 	}
@@ -107,51 +198,23 @@ static void normal_matrix(double a[N][N], const struct point *point, int n)
 			a[i][j] = a[j][i];
 }
 
-/* Turns columns (and, of a, rows) p and q so that a[p][q] = 0. */
-static void rotate(double a[N][N], double v[N][N], int p, int q)
+/* m is what the equations leave smallest; what a thin axis counts is not told by them: nothing. */
+static void solve(double m[3][4], double a[N][N], const bool thin[3])
 {
-	double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
-	double t = (theta >= 0 ? 1 : -1) / (fabs(theta) + sqrt(theta * theta + 1));
-	double c = 1 / sqrt(t * t + 1), s = t * c;
-
-	for (int k = 0; k < N; k++) {
-		double x = a[k][p], y = a[k][q];
-
-		a[k][p] = c * x - s * y;
-		a[k][q] = s * x + c * y;
-	}
-	for (int k = 0; k < N; k++) {
-		double x = a[p][k], y = a[q][k];
-
-		a[p][k] = c * x - s * y;
-		a[q][k] = s * x + c * y;
-		x = v[k][p];
-		y = v[k][q];
-		v[k][p] = c * x - s * y;
-		v[k][q] = s * x + c * y;
-	}
-}
-
-/* The eigenvector of a's smallest eigenvalue, by Jacobi's rotations. a is used up. */
-static void smallest(double out[N], double a[N][N])
-{
-	double v[N][N] = { { 0 } }, size = 0;
+	double v[N][N], size = 0;
 	int best = 0;
 
-	for (int i = 0; i < N; i++) {
-		v[i][i] = 1;
+	for (int i = 0; i < N; i++)
 		size += a[i][i];
-	}
-	for (int sweep = 0; sweep < SWEEPS; sweep++)
-		for (int p = 0; p < N; p++)
-			for (int q = p + 1; q < N; q++)
-				if (fabs(a[p][q]) > 1e-18 * size)
-					rotate(a, v, p, q);
+	for (int i = 0; i < N; i++)
+		if (i % 4 < 3 && thin[i % 4])
+			a[i][i] = size;
+	eigen(a, v, N);
 	for (int i = 1; i < N; i++)
 		if (a[i][i] < a[best][best])
 			best = i;
 	for (int i = 0; i < N; i++)
-		out[i] = v[i][best];
+		m[i / 4][i % 4] = v[i][best];
 }
 
 static double dot(const double m[4], const double p[4])
@@ -198,8 +261,11 @@ static void restore(struct gd_camera *camera, double m[3][4], const struct frame
 			row[c] = r < 2 ? m[r][c] * f->half + m[2][c] * shift : m[2][c];
 		camera->m[r][3] = row[3];
 		for (int c = 0; c < 3; c++) {
-			camera->m[r][c] = row[c] * f->scale;
-			camera->m[r][3] -= row[c] * f->scale * f->at[c];
+			double k = row[0] * f->turn[0][c] + row[1] * f->turn[1][c] +
+				   row[2] * f->turn[2][c];
+
+			camera->m[r][c] = k;
+			camera->m[r][3] -= k * f->at[c];
 		}
 	}
 }
@@ -208,7 +274,7 @@ bool gd_camera_fit(struct gd_camera *camera, const struct gd_plane position[3])
 {
 	struct point *point = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *point);
 	double *spare = gd_alloc((size_t)SAMPLES * SAMPLES, sizeof *spare);
-	double a[N][N], v[N], m[3][4];
+	double a[N][N], m[3][4];
 	struct frame f;
 	int n = point && spare ? collect(point, position) : 0;
 
@@ -216,8 +282,7 @@ bool gd_camera_fit(struct gd_camera *camera, const struct gd_plane position[3])
 		normalise(&f, point, n, position[0].w, position[0].h, spare);
 		for (int i = 0; i < ROUNDS; i++) {
 			normal_matrix(a, point, n);
-			smallest(v, a);
-			memcpy(m, v, sizeof m);
+			solve(m, a, f.thin);
 			camera->rms = weigh(point, n, m, spare) * f.half;
 		}
 		restore(camera, m, &f);

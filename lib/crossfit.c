@@ -56,7 +56,8 @@ static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half,
 	for (int a = 0; a < in->nfeat; a++)
 		feat[apr.nfeat++] = in->feat[a];
 	for (int c = 0; c < 3 && m->pilot; c++)
-		feat[apr.nfeat++] = w->pilot[c];
+		if (!gd_halves_constant(w->pilot[c]))
+			feat[apr.nfeat++] = w->pilot[c];
 	for (int c = 0; c < in->nfeature && m->feature; c++)
 		feat[apr.nfeat++] = in->feature[gd_halves_other(in, half)][c];
 	conf.ridge = RIDGE;

@@ -28,15 +28,14 @@ struct gd_crossfit_conf {
 };
 
 /*
- * Another frame of a sequence, before or after the one to denoise. Its planes are the same layers in
- * the same order, unit and number as those of struct gd_crossfit_in, of the same size, finite, and
- * changed in place. y, whole, var, feat, feature, count, position: see there. Frames come in any
- * order.
+ * Another frame of a sequence, before or after the one to denoise: see gather.h. Its planes are the
+ * same layers in the same order, unit and number as those of struct gd_crossfit_in, of the same
+ * size, and finite; fireflies are cut in place. y, whole, var, feature, count, position: see there.
+ * Frames come in any order.
  */
 struct gd_crossfit_frame {
 	struct gd_plane y[2][GD_APR_RHS], whole[GD_APR_RHS], var[3];
-	struct gd_plane feat[GD_APR_FEATURES], feature[2][4];
-	struct gd_plane position[3], count[2];
+	struct gd_plane feature[2][4], position[3], count[2];
 };
 
 #define GD_CROSSFIT_FRAMES 4
@@ -44,7 +43,7 @@ struct gd_crossfit_frame {
 /*
  * Planes of one size, finite.
  * y        ny >= 3 planes of either half: the colour R G B, then any that share its weights
- * self     there are no halves: all samples are in y[0], var is needed, and the pilot made from them
+ * self     there are no halves: all samples are in y[0], var is needed, and the pilot made of them
  *          explains them (y[1], share and feature[1] are not used). A pilot is smooth enough for
  *          that to cost little where noise is even, more where fine texture is all that G-buffers
  *          miss
@@ -62,8 +61,9 @@ struct gd_crossfit_frame {
  *          the same everywhere
  * position world position (the layer P), which tells what moved where between frames; v = NULL: not
  *          known, the same pixels of other frames are looked at
- * frame    nframe <= GD_CROSSFIT_FRAMES other frames of the sequence; all of them have variances,
- *          counts and positions, or none, as this one
+ * frame    nframe <= GD_CROSSFIT_FRAMES other frames of the sequence; var, feature and count are
+ *          there in all of them if they are here
+ * y, whole, feature and var become means over the frames, in place, where there are any.
  */
 struct gd_crossfit_in {
 	bool self;
@@ -96,7 +96,8 @@ struct gd_crossfit_result {
 
 /*
  * Needs 40 bytes a pixel beside its input and output, and 8 for each plane beyond the third; while
- * it makes a pilot, what gd_nlr_run() takes.
+ * it makes a pilot, what gd_nlr_run() takes; with other frames 8 more, and 80 while those are taken
+ * in.
  * Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. The result does not depend on the number of
  * threads; with the halves swapped it is the same to rounding.
  */

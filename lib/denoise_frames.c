@@ -27,6 +27,7 @@ static int add(struct denoise_frames *k, int i, const struct denoise_job *like, 
 	rc = gd_denoise_choose_alike(job, like, err);
 	if (rc == GD_OK)
 		rc = gd_denoise_frame(job, &k->f, k->bin, err);
+	k->f.nfeat = 0;	/* what a frame's own G-buffers are is enough: no need to filter these */
 	if (rc == GD_OK && gd_denoise_follows(job))
 		rc = gd_denoise_position(job, mended, err);
 	if (rc == GD_OK)
@@ -34,7 +35,6 @@ static int add(struct denoise_frames *k, int i, const struct denoise_job *like, 
 	memcpy(frame->y, k->in.y, sizeof frame->y);
 	memcpy(frame->whole, k->in.whole, sizeof frame->whole);
 	memcpy(frame->var, k->in.var, sizeof frame->var);
-	memcpy(frame->feat, k->in.feat, sizeof frame->feat);
 	memcpy(frame->feature, k->in.feature, sizeof frame->feature);
 	memcpy(frame->count, k->in.count, sizeof frame->count);
 	memcpy(frame->position, job->position, sizeof frame->position);

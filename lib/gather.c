@@ -11,9 +11,10 @@
 
 #define SIDE	7	/* of the windows in which frames are compared, pixels */
 #define SMOOTH	7	/* of the windows over which noise is averaged */
-#define NOISE	1.5	/* of neighbouring pixels hangs together: times the variance of a mean */
+#define NOISE	2.5	/* of neighbouring pixels hangs together: times the variance of a mean */
 #define PIXELS	15.0	/* whose noise a regression averages at least */
 #define DARK	0.3	/* of the image's level: below it, differences count as they are */
+#define ROUNDING 1e-8	/* squared: light that differs by 1e-4 is the same */
 #define NEAR	2.0	/* pixels' sizes between points that are the same surface */
 #define LENS	2.0	/* pixels off: projection does not tell where points are */
 
@@ -226,7 +227,7 @@ static int weigh(struct work *w, struct gd_err *err)
 	for (int y = 0; y < to.h; y++)
 		for (int x = 0; x < to.w; x++) {
 			bool there = w->at[(size_t)y * (size_t)to.w + (size_t)x] >= 0;
-			double noise = FLT_MIN, bias = 0;
+			double noise = ROUNDING, bias = 0;
 
 			for (int c = 0; c < 3; c++)
 				noise += (double)gd_row(w->plane[V + c], y)[x] / PIXELS;
@@ -245,14 +246,17 @@ static double samples(const struct gd_plane count[2], const double share[2], int
 	return count[half].v ? (double)gd_row(count[half], y)[x] : share[half];
 }
 
-/* to += (from - to) times; a variance of what is averaged (square): by the squared weights. */
+/*
+ * to += (from - to) times, so that what is constant stays so, or (square) the variance of such a
+ * mean: by the squared weights.
+ */
 static void blend(struct gd_plane to, struct gd_plane from, int x, int y, int u, int v,
 		  double times, bool square)
 {
 	double a = (double)gd_row(to, y)[x], b = (double)gd_row(from, v)[u], keep = 1 - times;
 
 	gd_row(to, y)[x] = square ? gd_halves_square(keep * keep * a + times * times * b) :
-				    gd_halves_float(keep * a + times * b);
+				    gd_halves_float(a + times * (b - a));
 }
 
 /* One pixel of a frame, weight w: into half h, or (h = -1) into what both halves share. */

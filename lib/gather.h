@@ -11,9 +11,9 @@
  *
  * The weight: with u = log(1 + y / (0.3 level)), d the mean over 7x7 pixels of the difference of u
  * between the frames, and v the variance of that mean that the halves predict,
- *	w = s / (s + max(0, d^2 - 1.5 v)),	s = variance of u in a pixel / 15,
- * summed over channels and smoothed over 3x3: what a pixel of a bias d weighs beside one without, if
- * 15 pixels' noise is averaged anyway. In the logarithm a firefly is one bright pixel among 49, and
+ *	w = s / (s + max(0, d^2 - 2.5 v)),	s = variance of u in a pixel / 15,
+ * summed over channels and smoothed over 3x3: what a pixel of a bias d weighs beside one without,
+ * if 15 pixels' noise is averaged anyway. In the logarithm a firefly is one bright pixel of 49, and
  * a shadow is not hidden by it. w looks at either frame alike, so that it takes no side in their
  * noise.
  */

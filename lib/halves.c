@@ -53,6 +53,20 @@ int gd_halves_smooth(struct gd_plane *p, int n, struct gd_plane spare, int side,
 	return rc;
 }
 
+bool gd_halves_constant(struct gd_plane p)
+{
+	float lo = p.v[0], hi = lo;
+
+	for (int y = 0; y < p.h; y++)
+		for (int x = 0; x < p.w; x++) {
+			float v = gd_row(p, y)[x];
+
+			lo = v < lo ? v : lo;
+			hi = v > hi ? v : hi;
+		}
+	return (double)hi - (double)lo <= 1e-5 * fmax(fabs((double)lo), fabs((double)hi));
+}
+
 /* ---- what goes in ---- */
 
 int gd_halves_check(struct gd_crossfit_in *in, struct gd_err *err)

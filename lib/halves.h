@@ -53,6 +53,12 @@ static inline double gd_halves_luminance(const struct gd_plane *rgb, int x, int 
 	return l;
 }
 
+/*
+ * Whether a plane of radiance that was computed is constant but for rounding (1e-5 of it): what is
+ * left then is no shape, and a regression should not lean on it.
+ */
+bool gd_halves_constant(struct gd_plane p);
+
 /* ---- what goes in ---- */
 
 /* Independent parts of the samples: 2, or 1 with in->self. */
@@ -144,9 +150,10 @@ double gd_halves_disagree(const struct gd_crossfit_in *in, int models);
  * Makes the result of the halves: out->est holds the mean fit of half 0 and becomes the estimate,
  * other is that of half 1 (in->self: out->est again). out->mse holds a measure of the squared bias
  * (a square of gd_halves_add(), a window's error, or 0), and becomes the error of the estimate:
- * share_0 share_1 (difference of the halves)^2, which is what their noise makes of the mean (shares:
- * in->share, or of in->count in 9x9 pixels, as a window's fit knows them), and `bias` times what it held; smoothed over 5x5 pixels. At last what the fits took from the mean of
- * the image is given back: *gain as in struct gd_crossfit_result, 1 where nothing was.
+ * share_0 share_1 (difference of the halves)^2, which their noise makes of the mean (shares: of
+ * in->share, or of in->count in 9x9 pixels, as a window's fit knows them), and `bias` times what it
+ * held; smoothed over 5x5 pixels. At last what the fits took from the mean of the image is given
+ * back: *gain as in struct gd_crossfit_result, 1 where nothing was.
  * in: as it was fitted; spare: one plane. out->spread is not touched.
  */
 int gd_halves_finish(const struct gd_crossfit_out *out, const struct gd_plane *other,
