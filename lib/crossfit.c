@@ -194,6 +194,8 @@ int gd_crossfit_run(const struct gd_crossfit_out *out, struct gd_crossfit_in *in
 	*result = (struct gd_crossfit_result){ .gain = 1 };
 	if (rc == GD_OK)
 		rc = gd_halves_cut(in, err);
+	if (rc == GD_OK)
+		rc = gd_halves_calm(in, err);
 	if (rc == GD_OK) {
 		struct gd_crossfit_in all = *in;	/* of which the counts are ours */
 

@@ -137,6 +137,55 @@ static void scale_plane(struct gd_plane p, double minus, double times)
 							  times);
 }
 
+/* Row y of p with each pixel cut to the range of its neighbours; up, down: the rows beside it. */
+static void calm_row(float *restrict to, const float *restrict up, const float *restrict row,
+		     const float *restrict down, int w)
+{
+	for (int x = 0; x < w; x++) {
+		int a = x > 0 ? x - 1 : x + 1, b = x + 1 < w ? x + 1 : x - 1;
+		float low = fminf(row[a], row[b]), high = fmaxf(row[a], row[b]);
+
+		for (int k = x > 0 ? x - 1 : x; k <= x + 1 && k < w; k++) {
+			low = fminf(low, fminf(up[k], down[k]));
+			high = fmaxf(high, fmaxf(up[k], down[k]));
+		}
+		to[x] = fminf(fmaxf(row[x], low), high);
+	}
+}
+
+/* The same for a whole plane, in place. */
+static void calm(struct gd_plane p, struct gd_plane spare)
+{
+	const int last = p.h - 1;
+
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < p.h; y++) {
+		int up = y > 0 ? y - 1 : y + 1, down = y < last ? y + 1 : y - 1;
+
+		calm_row(gd_row(spare, y), gd_row(p, up), gd_row(p, y), gd_row(p, down), p.w);
+	}
+	for (int y = 0; y < p.h; y++)
+		memcpy(gd_row(p, y), gd_row(spare, y), (size_t)p.w * sizeof(float));
+}
+
+int gd_halves_calm(struct gd_crossfit_in *in, struct gd_err *err)
+{
+	struct gd_plane spare = { 0 };
+	int rc = GD_OK;
+
+	if (in->nfeature == 0 || in->y[0][0].w < 2 || in->y[0][0].h < 2)
+		return GD_OK;
+	rc = gd_halves_planes(&spare, 1, in->y[0][0], err);
+	for (int half = 0; half < gd_halves_count(in) && rc == GD_OK; half++)
+		for (int c = 0; c < in->nfeature; c++) {
+			calm(in->feature[half][c], spare);
+			for (int f = 0; f < in->nframe; f++)
+				calm(in->frame[f].feature[half][c], spare);
+		}
+	gd_halves_free(&spare, 1);
+	return rc;
+}
+
 int gd_halves_scale(int *which, int *n, const struct gd_plane *feat, int nfeat, int most,
 		    struct gd_err *err)
 {

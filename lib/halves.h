@@ -4,8 +4,8 @@
  * they fit (crossfit.h, lwrfit.h): what goes in is made fit to use, pixels are weighed, the fits of
  * a half are averaged, and the halves joined to an image with its error.
  *
- * The order of calls: gd_halves_check(), gd_halves_cut(), gd_gather() of gather.h for other frames,
- * gd_halves_scale(); for either half gd_halves_weight() from what explains it and
+ * The order of calls: gd_halves_check(), gd_halves_cut(), gd_halves_calm(), gd_gather() of gather.h
+ * for other frames, gd_halves_scale(); for either half gd_halves_weight() from what explains it and
  * gd_halves_weigh_count(), the fits, gd_halves_add() for each; at last gd_halves_spread() and
  * gd_halves_finish(). Planes are of one size; nothing depends on the number of threads.
  */
@@ -88,6 +88,13 @@ int gd_halves_check(struct gd_crossfit_in *in, struct gd_err *err);
  * planes of the half take it alike, and those of whole lose the half's share. In other frames, too.
  */
 int gd_halves_cut(struct gd_crossfit_in *in, struct gd_err *err);
+
+/*
+ * Takes spikes of one pixel out of the features of the halves, in place: what is beyond all of its
+ * 8 neighbours becomes the nearest of them. A Poisson solve leaves such pixels, and a regression
+ * hands them on to the image.
+ */
+int gd_halves_calm(struct gd_crossfit_in *in, struct gd_err *err);
 
 /*
  * Brings features that vary to median 0 and range (percentiles 0.5 to 99.5) 1, in place, the first

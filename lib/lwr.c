@@ -97,71 +97,57 @@ static int check(const struct gd_lwr_out *out, const struct gd_lwr_in *in,
 	return rc;
 }
 
-static void clear(struct gd_plane p)
+/* Every thread its share of the pages, as of the work. */
+static void clear(const struct gd_lwr_plan *p)
 {
+	const size_t row = (size_t)p->w * p->sums;
+
 #pragma omp parallel for schedule(static)
-	for (int y = 0; y < p.h; y++)
-		memset(gd_row(p, y), 0, (size_t)p.w * sizeof(float));
-}
-
-static void clear_all(const struct gd_lwr_plan *p)
-{
-	struct gd_plane map[] = { p->total, p->out_radius, p->out_features, p->out_centre };
-
-	for (int c = 0; c < p->ny; c++)
-		clear(p->est[c]);
-	for (int c = 0; p->mse && c < p->nc; c++)
-		clear(p->mse[c]);
-	for (int c = 0; p->spread && c < p->nc; c++)
-		clear(p->spread[c]);
-	for (size_t i = 0; i < sizeof map / sizeof *map; i++)
-		if (map[i].v)
-			clear(map[i]);
-}
-
-static void over_total(struct gd_plane to, struct gd_plane total)
-{
-	if (!to.v)
-		return;
-#pragma omp parallel for schedule(static)
-	for (int y = 0; y < to.h; y++) {
-		float *row = gd_row(to, y);
-		const float *t = gd_row(total, y);
-
-		for (int x = 0; x < to.w; x++)
-			row[x] /= t[x];
+	for (int y = 0; y < p->h; y++) {
+		memset(p->sum + row * (size_t)y, 0, row * sizeof *p->sum);
+		if (p->out_centre.v)
+			memset(gd_row(p->out_centre, y), 0, (size_t)p->w * sizeof(float));
 	}
 }
 
-/* The mean square, less the square of the mean. */
-static void to_spread(struct gd_plane square, struct gd_plane mean)
+/* Number k of the sums of row y, over the weights, into a plane. */
+static void means(const struct gd_lwr_plan *p, struct gd_plane to, size_t k, int y)
 {
-#pragma omp parallel for schedule(static)
-	for (int y = 0; y < mean.h; y++) {
-		float *row = gd_row(square, y);
-		const float *m = gd_row(mean, y);
+	const float *sum = p->sum + (size_t)y * (size_t)p->w * p->sums;
 
-		for (int x = 0; x < mean.w; x++) {
-			double v = (double)row[x] - (double)m[x] * (double)m[x];
+	for (int x = 0; to.v && x < p->w; x++, sum += p->sums)
+		gd_row(to, y)[x] = sum[k] / sum[3];
+}
 
-			row[x] = v > 0 ? (float)v : 0;
-		}
+/* The mean square, less the square of the mean. */
+static void spread_of(struct gd_plane square, struct gd_plane mean, int y)
+{
+	float *row = gd_row(square, y);
+	const float *m = gd_row(mean, y);
+
+	for (int x = 0; x < mean.w; x++) {
+		double v = (double)row[x] - (double)m[x] * (double)m[x];
+
+		row[x] = v > 0 ? (float)v : 0;
 	}
 }
 
 /* From sums to means: every pixel has a model of its own if no other covers it. */
 static void finish(const struct gd_lwr_plan *p)
 {
-	for (int c = 0; c < p->ny; c++)
-		over_total(p->est[c], p->total);
-	for (int c = 0; p->mse && c < p->nc; c++)
-		over_total(p->mse[c], p->total);
-	for (int c = 0; p->spread && c < p->nc; c++) {
-		over_total(p->spread[c], p->total);
-		to_spread(p->spread[c], p->est[c]);
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < p->h; y++) {
+		for (int c = 0; c < p->ny; c++)
+			means(p, p->est[c], (size_t)(c / 3 * 4 + c % 3), y);
+		for (int c = 0; p->mse && c < p->nc; c++)
+			means(p, p->mse[c], p->at_error + (size_t)c, y);
+		for (int c = 0; p->spread && c < p->nc; c++) {
+			means(p, p->spread[c], p->at_spread + (size_t)c, y);
+			spread_of(p->spread[c], p->est[c], y);
+		}
+		means(p, p->out_radius, p->at_error + 3, y);
+		means(p, p->out_features, p->at_spread + 3, y);
 	}
-	over_total(p->out_radius, p->total);
-	over_total(p->out_features, p->total);
 }
 
 /* Marks the places of the pass's grid that no window covers, or all. */
@@ -170,10 +156,10 @@ static void mark(const struct gd_lwr_plan *p, bool all)
 #pragma omp parallel for schedule(static)
 	for (int j = 0; j < p->nrow; j++) {
 		unsigned char *row = p->mark + (size_t)p->cy[j] * (size_t)p->w;
-		const float *total = gd_row(p->total, p->cy[j]);
+		const float *weight = p->sum + (size_t)p->cy[j] * (size_t)p->w * p->sums + 3;
 
 		for (int i = 0; i < p->nx; i++)
-			row[p->cx[i]] = all || !(total[p->cx[i]] > 0);
+			row[p->cx[i]] = all || !(weight[(size_t)p->cx[i] * p->sums] > 0);
 	}
 }
 
@@ -261,7 +247,6 @@ static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 	p->nvar = in->var && !p->twin ? p->nc : 0;
 	p->by_error = conf->by_error;
 	p->y = in->y;
-	p->weight = in->weight;
 	p->noise = conf->feature_noise;
 	p->ridge = conf->ridge;
 	p->level2 = gd_lwr_level(in->y, p->nc);
@@ -278,8 +263,17 @@ static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 	n = (size_t)p->w * (size_t)p->h;
 	p->mark = gd_alloc(n, 1);
 	p->cx = gd_alloc((size_t)p->w + (size_t)p->h, sizeof *p->cx);
-	p->total = gd_plane_of(gd_alloc(gd_stride(p->w) * (size_t)p->h, sizeof(float)), p->w, p->h);
-	if (!p->mark || !p->cx || !p->total.v)
+	p->sums = 4 * (size_t)((p->ny + 2) / 3);
+	if (p->mse || p->out_radius.v) {
+		p->at_error = p->sums;
+		p->sums += 4;
+	}
+	if (p->spread || p->out_features.v) {
+		p->at_spread = p->sums;
+		p->sums += 4;
+	}
+	p->sum = gd_alloc(n * p->sums, sizeof *p->sum);
+	if (!p->mark || !p->cx || !p->sum)
 		return GD_ENOMEM;
 	p->cy = p->cx + p->w;
 	return gd_lwr_pack(p, in, kept);
@@ -297,7 +291,7 @@ int gd_lwr_fit(const struct gd_lwr_out *out, const struct gd_lwr_in *in,
 	plan = gd_calloc(1, sizeof *plan);
 	rc = plan ? plan_make(plan, out, in, conf, report) : GD_ENOMEM;
 	if (rc == GD_OK) {
-		clear_all(plan);
+		clear(plan);
 		rc = run_passes(plan, conf, result, report);
 	}
 	if (rc == GD_OK)
@@ -306,7 +300,7 @@ int gd_lwr_fit(const struct gd_lwr_out *out, const struct gd_lwr_in *in,
 		free(plan->block);
 		free(plan->mark);
 		free(plan->cx);
-		free(plan->total.v);
+		free(plan->sum);
 	}
 	free(plan);
 	return rc == GD_OK ? GD_OK : gd_fail(err, rc, "lwr: out of memory");

@@ -16,7 +16,7 @@
 
 #define GD_LWR_TILE	64	/* pixels; > 2 * (GD_LWR_RADIUS + 8): tiles a tile apart never touch */
 #define GD_LWR_COLUMNS	(3 + GD_LWR_FEATURES)
-#define GD_LWR_LIMIT	1e35f	/* predictions, and their squares, are cut to that: sums stay finite */
+#define GD_LWR_LIMIT	1e35f	/* predictions are cut to that: sums of them stay finite */
 
 struct gd_lwr_plan {
 	int w, h, radius, radius_min;
@@ -25,13 +25,14 @@ struct gd_lwr_plan {
 	bool twin, by_error;
 	const struct gd_plane *y;	/* ny */
 	struct gd_plane feat[GD_LWR_FEATURES];	/* nf */
-	struct gd_plane weight;		/* v = NULL: 1 */
 	/*
 	 * Pixels, `pitch` floats each: features, colour, twin; then what is only summed: var of the
-	 * colour (nvar = nc or 0) and the variances of the features noisy[] (nfv).
+	 * colour (nvar = nc or 0) and the variances of the features noisy[] (nfv); and at `root`,
+	 * where that is above 0, the root of the weight.
 	 */
 	float *block, *pixel;		/* what is allocated; the first pixel */
 	size_t pitch;
+	int root;
 	int nvar, nfv;
 	int noisy[GD_LWR_FEATURES];
 	double noise;			/* feature_noise */
@@ -40,9 +41,14 @@ struct gd_lwr_plan {
 	double flat[GD_LWR_FEATURES];	/* flat, times the square of the feature's range */
 	double ridge;
 	double level2;			/* added to a squared mean where channels are weighed; > 0 */
-	const struct gd_plane *est;	/* sums until the end */
-	const struct gd_plane *mse, *spread;	/* NULL: not wanted; spread: of squares */
-	struct gd_plane total;			/* of the weights of predictions */
+	const struct gd_plane *est, *mse, *spread;	/* mse, spread: NULL: not wanted */
+	/*
+	 * Sums over the models that cover a pixel, weighed by what each has to say; `sums` floats a
+	 * pixel, in fours: estimates by threes, the first with the weights; from at_error on (0: not
+	 * wanted) errors and radius; from at_spread on squared estimates and features.
+	 */
+	float *sum;
+	size_t sums, at_error, at_spread;
 	struct gd_plane out_radius, out_features, out_centre;	/* v = NULL: not wanted */
 	unsigned char *mark;		/* w * h: a centre of this pass */
 	int nx, nrow, *cx, *cy;		/* the grid of this pass */
@@ -82,7 +88,24 @@ typedef double gd_lwr_vec __attribute__((vector_size(8 * GD_LWR_LANES)));
 typedef double gd_lwr_any __attribute__((vector_size(8 * GD_LWR_LANES), aligned(8), may_alias));
 typedef float gd_lwr_float __attribute__((vector_size(4 * GD_LWR_LANES), aligned(4), may_alias));
 
+typedef int64_t gd_lwr_mask __attribute__((vector_size(8 * GD_LWR_LANES)));
+
 #define GD_LWR_INLINE static inline __attribute__((always_inline))
+
+GD_LWR_INLINE gd_lwr_vec gd_lwr_splat(double x)
+{
+	return x - (gd_lwr_vec){ 0 };
+}
+
+GD_LWR_INLINE gd_lwr_vec gd_lwr_pick(gd_lwr_mask m, gd_lwr_vec a, gd_lwr_vec b)
+{
+	return (gd_lwr_vec)(((gd_lwr_mask)a & m) | ((gd_lwr_mask)b & ~m));
+}
+
+GD_LWR_INLINE gd_lwr_vec gd_lwr_larger(gd_lwr_vec a, gd_lwr_vec b)
+{
+	return gd_lwr_pick(a > b, a, b);
+}
 
 /* Sums over one ring of one window: m[i * mpitch + j] = sum z_i z_j, i < p, j >= i. */
 struct gd_lwr_ring {
@@ -104,9 +127,9 @@ void gd_lwr_reference(const struct gd_lwr_plan *plan, int x, int y, double *ref)
 /* The pixels at distance r (r = 1: at most 1) of (x,y). */
 void gd_lwr_ring_pixels(const struct gd_lwr_plan *plan, int x, int y, int r, const double *ref,
 			struct gd_lwr_ring *ring);
-/* One pixel, with the columns u and v. */
-void gd_lwr_ring_pixel(const struct gd_lwr_plan *plan, int x, int y, int u, int v,
-		       const double *ref, struct gd_lwr_ring *ring);
+/* The columns of one pixel (px,py). */
+void gd_lwr_ring_pixel(const struct gd_lwr_plan *plan, int px, int py, int x, int y,
+		       const double *ref, double *z);
 void gd_lwr_ring_sums(const struct gd_lwr_plan *plan, struct gd_lwr_ring *ring);
 
 /* A fitted model. */

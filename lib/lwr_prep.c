@@ -131,22 +131,47 @@ int gd_lwr_grid(int *centre, int n, int step)
 	return count;
 }
 
-/* One plane into place `at` of the pixels of row y. */
-static void pack_plane(const struct gd_lwr_plan *p, int at, struct gd_plane from, int y)
+/* n pixels of row y from x on, of one plane, into place `at`. */
+static void pack_plane(const struct gd_lwr_plan *p, int at, struct gd_plane from, int y, int x,
+		       int n)
 {
-	float *to = p->pixel + (size_t)y * (size_t)p->w * p->pitch + at;
-	const float *row = gd_row(from, y);
+	float *to = p->pixel + ((size_t)y * (size_t)p->w + (size_t)x) * p->pitch + at;
+	const float *row = gd_row(from, y) + x;
 
-	for (int x = 0; x < p->w; x++)
-		to[(size_t)x * p->pitch] = row[x];
+	for (int i = 0; i < n; i++)
+		to[(size_t)i * p->pitch] = row[i];
 }
+
+static void pack_root(const struct gd_lwr_plan *p, struct gd_plane weight, int y, int x, int n)
+{
+	float *to = p->pixel + ((size_t)y * (size_t)p->w + (size_t)x) * p->pitch + p->root;
+	const float *row = gd_row(weight, y) + x;
+
+	for (int i = 0; i < n; i++)
+		to[(size_t)i * p->pitch] = sqrtf(row[i]);
+}
+
+#define RUN 64	/* pixels laid out at a time: they stay in the nearest cache */
 
 /* Lays the pixels out as described at struct gd_lwr_plan. */
 int gd_lwr_pack(struct gd_lwr_plan *p, const struct gd_lwr_in *in, const int *kept)
 {
+	struct gd_plane from[GD_LWR_FEATURES * 2 + 9];
 	size_t n = (size_t)p->w * (size_t)p->h, pad = 64;
+	int planes = 0;
 
-	p->pitch = (size_t)(p->q - 3 + p->nvar + p->nfv);
+	for (int a = 0; a < p->nf; a++)
+		from[planes++] = in->feat[kept[a]];
+	for (int c = 0; c < p->nc; c++)
+		from[planes++] = in->y[c];
+	for (int c = 0; p->twin && c < p->nc; c++)
+		from[planes++] = in->twin[c];
+	for (int c = 0; c < p->nvar; c++)
+		from[planes++] = in->var[c];
+	for (int a = 0; a < p->nfv; a++)
+		from[planes++] = in->feat_var[kept[p->noisy[a]]];
+	p->root = in->weight.v ? planes : 0;
+	p->pitch = (size_t)planes + (in->weight.v != NULL);
 	p->block = gd_alloc(n * p->pitch + 2 * pad, sizeof(float));
 	if (!p->block)
 		return GD_ENOMEM;
@@ -154,19 +179,14 @@ int gd_lwr_pack(struct gd_lwr_plan *p, const struct gd_lwr_in *in, const int *ke
 	p->pixel = p->block + pad;
 	memset(p->pixel + n * p->pitch, 0, pad * sizeof(float));
 #pragma omp parallel for schedule(static)
-	for (int y = 0; y < p->h; y++) {
-		int at = 0;
+	for (int y = 0; y < p->h; y++)
+		for (int x = 0; x < p->w; x += RUN) {
+			int run = p->w - x < RUN ? p->w - x : RUN;
 
-		for (int a = 0; a < p->nf; a++)
-			pack_plane(p, at++, in->feat[kept[a]], y);
-		for (int c = 0; c < p->nc; c++)
-			pack_plane(p, at++, in->y[c], y);
-		for (int c = 0; p->twin && c < p->nc; c++)
-			pack_plane(p, at++, in->twin[c], y);
-		for (int c = 0; c < p->nvar; c++)
-			pack_plane(p, at++, in->var[c], y);
-		for (int a = 0; a < p->nfv; a++)
-			pack_plane(p, at++, in->feat_var[kept[p->noisy[a]]], y);
-	}
+			for (int k = 0; k < planes; k++)
+				pack_plane(p, k, from[k], y, x, run);
+			if (p->root)
+				pack_root(p, in->weight, y, x, run);
+		}
 	return GD_OK;
 }

@@ -193,6 +193,8 @@ int gd_lwrfit_run(const struct gd_crossfit_out *out, const struct gd_lwrfit_mode
 		rc = check(in, err);
 	if (rc == GD_OK)
 		rc = gd_halves_cut(in, err);
+	if (rc == GD_OK)
+		rc = gd_halves_calm(in, err);
 	if (rc == GD_OK && needs_pilot(in))
 		rc = gd_halves_scale(w.scaled.at, &w.scaled.n, in->feat, in->nfeat,
 				     GD_PILOT_FEATURES, err);

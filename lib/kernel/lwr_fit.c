@@ -26,21 +26,25 @@ typedef gd_lwr_vec vec;
 #define COLLINEAR 1e-8
 #define LEFT 1e-6	/* 1 - h below this is no prediction: the pixel alone carries a column */
 
-GD_LWR_INLINE vec splat(double x)
-{
-	return x - (vec){ 0 };
-}
+#define splat gd_lwr_splat
+#define larger gd_lwr_larger
+#define pick gd_lwr_pick
+typedef gd_lwr_mask mask;
 
-GD_LWR_INLINE vec larger(vec a, vec b)
+/*
+ * A window three rings beyond the best one, with so many times its error, grows no further. Found
+ * on renders: the same error, a sixth less time. 2 ends too early, and costs models and accuracy.
+ */
+#define HOPELESS 4.0
+
+GD_LWR_INLINE vec inverse_root(vec d)
 {
+	double x[LANES] __attribute__((aligned(8 * LANES)));
+
+	*(vec *)x = d;
 	for (int l = 0; l < LANES; l++)
-		a[l] = a[l] > b[l] ? a[l] : b[l];
-	return a;
-}
-
-GD_LWR_INLINE vec *tri_row(vec *a, int i)
-{
-	return a + (size_t)i * (i + 1) / 2;
+		x[l] = 1.0 / sqrt(x[l]);
+	return *(vec *)x;
 }
 
 /* Noise of column j in the windows, times feature_noise; 0 for exact and other columns. */
@@ -53,97 +57,146 @@ static vec column_noise(const struct gd_lwr_plan *p, const vec *s, int j)
 }
 
 /*
- * A = L L', leaving out columns without substance and those beyond the share of the pixels that a
- * model may use; inv: 1 / L_jj, 0 where left out.
+ * Whether column i, of which d is left, takes part: 1 / L_ii, or 0 where it is without substance
+ * or beyond the share of the pixels that a model may use. d comes with the column's pulls.
+ */
+static void take(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int i, vec d)
+{
+	vec least = RAW * t->a[i * p->q + i];
+	mask in;
+
+	if (i > 0) {
+		vec spread = t->a[i * p->q + i] - t->l[i] * t->l[i];
+
+		least = larger(least, COLLINEAR * spread);
+		if (i >= 3) {
+			least = larger(least, column_noise(p, t->s, i));
+			least = larger(least, p->floor[i - 3] * t->a[0]);
+		}
+	}
+	in = (d > least) & (t->used < GD_LWR_SHARE * t->pixels);
+	t->inv[i] = pick(in, inverse_root(pick(in, d, splat(1))), (vec){ 0 });
+	t->used -= __builtin_convertvector(in, vec);
+}
+
+/* Entries j .. j+n-1 of column i of L. */
+GD_LWR_INLINE void entries(const vec *a, vec *l, int m, int i, int j, vec inv, const int n)
+{
+	vec x[8];
+
+	for (int e = 0; e < n; e++)
+		x[e] = a[j + e];
+	for (int k = 0; k < i; k++) {
+		vec y = l[k * m + i];
+
+		for (int e = 0; e < n; e++)
+			x[e] -= y * l[k * m + j + e];
+	}
+	for (int e = 0; e < n; e++)
+		l[i * m + j + e] = x[e] * inv;
+}
+
+/*
+ * A = L L', column by column; the right-hand sides are taken along as more rows of A, which leaves
+ * L^-1 c in their place.
  */
 static void decompose(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 {
-	vec weight = t->a[0], used = { 0 };
+	const int m = p->p + p->nc;
 
-	for (int j = 0; j < p->p; j++) {
-		vec *lj = tri_row(t->l, j), *aj = tri_row(t->a, j), d = aj[j], least;
+	t->used = (vec){ 0 };
+	for (int i = 0; i < p->p; i++) {
+		const vec *a = t->a + i * p->q;
+		vec d = a[i];
+		int j = i + 1;
 
-		for (int i = 0; i < j; i++) {
-			vec *li = tri_row(t->l, i), x = aj[i];
-
-			for (int k = 0; k < i; k++)
-				x -= lj[k] * li[k];
-			lj[i] = x * t->inv[i];
-		}
-		least = RAW * d;
-		if (j > 0) {
-			vec spread = larger(d - lj[0] * lj[0], (vec){ 0 });
-
-			least = larger(least, COLLINEAR * spread);
-			d += p->ridge * spread;
-			if (j >= 3) {
-				d += p->flat[j - 3] * weight;
-				least = larger(least, column_noise(p, t->s, j));
-				least = larger(least, p->floor[j - 3] * weight);
-			}
-		}
-		for (int k = 0; k < j; k++)
-			d -= lj[k] * lj[k];
-		for (int l = 0; l < LANES; l++) {
-			int in = d[l] > least[l] && used[l] < GD_LWR_SHARE * t->pixels[l];
-
-			t->inv[j][l] = in ? 1.0 / sqrt(d[l]) : 0.0;
-			used[l] += in;
-		}
-		lj[j] = d * t->inv[j];
+		if (i > 0)
+			d += p->ridge * larger(d - t->l[i] * t->l[i], (vec){ 0 });
+		if (i >= 3)
+			d += p->flat[i - 3] * t->a[0];
+		for (int k = 0; k < i; k++)
+			d -= t->l[k * m + i] * t->l[k * m + i];
+		take(p, t, i, d);
+		t->l[i * m + i] = d * t->inv[i];
+		for (; j + 6 <= m; j += 6)
+			entries(a, t->l, m, i, j, t->inv[i], 6);
+		for (; j + 3 <= m; j += 3)
+			entries(a, t->l, m, i, j, t->inv[i], 3);
+		for (; j < m; j++)
+			entries(a, t->l, m, i, j, t->inv[i], 1);
 	}
-	t->used = used;
 }
 
-/* b = L'^-1 L^-1 c, n right-hand sides, interleaved by `step` in c and by n in b. */
-static void substitute(const struct gd_lwr_plan *p, vec *l, const vec *inv, const vec *c, int step,
-		       vec *b, int n)
+/* b = L'^-1 t with t = L^-1 c in rows p .. of L, n right-hand sides. */
+GD_LWR_INLINE void solve_back(const struct gd_lwr_plan *p, const vec *l, const vec *inv, vec *b,
+			      const int n)
 {
-	for (int j = 0; j < p->p; j++) {
-		const vec *lj = tri_row(l, j);
+	const int m = p->p + n;
 
+	for (int j = p->p - 1; j >= 0; j--) {
+		const vec *lj = l + j * m;
+		vec x[3];
+
+		for (int c = 0; c < n; c++)
+			x[c] = lj[p->p + c];
+		for (int k = j + 1; k < p->p; k++)
+			for (int c = 0; c < n; c++)
+				x[c] -= lj[k] * b[k * n + c];
+		for (int c = 0; c < n; c++)
+			b[j * n + c] = x[c] * inv[j];
+	}
+}
+
+/* The same from c itself, for n right-hand sides at [j * n + c]; m: between columns of L. */
+static void substitute(const struct gd_lwr_plan *p, const vec *l, int m, const vec *inv,
+		       const vec *c, vec *b, int n)
+{
+	for (int j = 0; j < p->p; j++)
 		for (int q = 0; q < n; q++) {
-			vec x = c[j * step + q];
+			vec x = c[j * n + q];
 
 			for (int k = 0; k < j; k++)
-				x -= lj[k] * b[k * n + q];
+				x -= l[k * m + j] * b[k * n + q];
 			b[j * n + q] = x * inv[j];
 		}
-	}
-	for (int j = p->p - 1; j >= 0; j--) {
-		const vec *lj = tri_row(l, j);
-
+	for (int j = p->p - 1; j >= 0; j--)
 		for (int q = 0; q < n; q++) {
-			vec x = b[j * n + q] * inv[j];
+			vec x = b[j * n + q];
 
-			b[j * n + q] = x;
-			for (int k = 0; k < j; k++)
-				b[k * n + q] -= lj[k] * x;
+			for (int k = j + 1; k < p->p; k++)
+				x -= l[j * m + k] * b[k * n + q];
+			b[j * n + q] = x * inv[j];
 		}
-	}
 }
 
-/* The squared error of the models on the ring, channel c, with the noise taken off. */
-static vec ring_error(const struct gd_lwr_plan *p, const struct gd_lwr_batch *t, int c)
+/* Adds to the error what the models miss the ring by, squared, with the noise taken off. */
+GD_LWR_INLINE void ring_error(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, const int nc)
 {
-	const int nc = p->nc, step = p->q - p->p;
-	vec sum = t->rs[c];
+	vec sum[3];
 
+	for (int c = 0; c < nc; c++)
+		sum[c] = p->nvar ? t->rs[c] - t->rs[nc + c] : t->rs[c];
 	for (int i = 0; i < p->p; i++) {
-		const vec *ai = t->ra + (size_t)i * (i + 1) / 2, *ci = t->rc + i * step + c;
-		vec cross = p->twin ? ci[0] + ci[nc] : 2.0 * ci[0], x = { 0 };
+		const vec *a = t->ring + i * p->q, *b = t->b + i * nc, *r = a + p->p;
+		const vec *other = p->twin ? r + nc : r;
+		vec x[3];
 
-		for (int j = 0; j < i; j++)
-			x += ai[j] * t->b[j * nc + c];
-		sum += t->b[i * nc + c] * (2.0 * x + ai[i] * t->b[i * nc + c] - cross);
+		for (int c = 0; c < nc; c++)
+			x[c] = 0.5 * a[i] * b[c];
+		for (int j = i + 1; j < p->p; j++)
+			for (int c = 0; c < nc; c++)
+				x[c] += a[j] * t->b[j * nc + c];
+		for (int c = 0; c < nc; c++)
+			sum[c] += b[c] * (2.0 * x[c] - (r[c] + other[c]));
 	}
-	return p->nvar ? sum - t->rs[nc + c] : sum;
+	for (int c = 0; c < nc; c++)
+		t->acc[c] += sum[c];
 }
 
 /* The same on the first window, each pixel predicted by the others. */
 static void first_error(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 {
-	const int nc = p->nc;
+	const int nc = p->nc, m = p->p + nc;
 	vec x[GD_LWR_COLUMNS];
 
 	for (int c = 0; c < nc; c++)
@@ -152,64 +205,63 @@ static void first_error(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 		const vec *z = t->first + (size_t)k * p->q;
 		vec h = { 0 };
 
+		for (int j = 0; j < p->p; j++)
+			x[j] = z[j];
 		for (int j = 0; j < p->p; j++) {
-			const vec *lj = tri_row(t->l, j);
-			vec sum = z[j];
+			const vec *lj = t->l + j * m;
+			vec y = x[j] * t->inv[j];
 
-			for (int i = 0; i < j; i++)
-				sum -= lj[i] * x[i];
-			x[j] = sum * t->inv[j];
-			h += x[j] * x[j];
+			h += y * y;
+			for (int i = j + 1; i < p->p; i++)
+				x[i] -= lj[i] * y;
 		}
 		for (int c = 0; c < nc; c++) {
 			vec y = z[p->p + c], e = -y, other;
 
 			for (int j = 0; j < p->p; j++)
 				e += t->b[j * nc + c] * z[j];
-			for (int l = 0; l < LANES; l++)
-				e[l] = 1 - h[l] > LEFT ? e[l] / (1 - h[l]) : -y[l];
+			e = pick(1.0 - h > LEFT, e / larger(1.0 - h, splat(LEFT)), -y);
 			other = p->twin ? e + y - z[p->p + nc + c] : e;
 			t->acc[c] += e * other;
 		}
 	}
 }
 
+GD_LWR_INLINE void take_over(vec *to, const vec *from, mask better, int n)
+{
+	for (int i = 0; i < n; i++)
+		to[i] = pick(better, from[i], to[i]);
+}
+
 /* Lanes in which the error is the least so far take the model. */
 static void compare(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int r)
 {
-	const int n = p->p * p->nc;
 	vec cost = { 0 }, over = 1.0 / larger(t->a[0], splat(1e-300));
-	int better[LANES], any = 0;
+	int any = 0;
+	mask better;
 
 	for (int c = 0; c < p->nc; c++)
 		cost += t->scale[c] * t->acc[c];
 	cost *= over;
+	better = r == 1 ? (mask){ 0 } == 0 : cost < t->least;
 	for (int l = 0; l < LANES; l++) {
-		better[l] = !t->done[l] && (r == 1 || r <= p->radius_min || cost[l] < t->least[l]);
-		any |= better[l];
+		better[l] = t->done[l] ? 0 : better[l];
+		any |= better[l] != 0;
+		t->done[l] |= t->least[l] > 0 && cost[l] > HOPELESS * t->least[l] &&
+			      r >= t->radius[l] + 3;
 	}
 	if (!any)
 		return;
-	for (int l = 0; l < LANES; l++) {
-		if (!better[l])
-			continue;
-		t->least[l] = cost[l];
-		t->radius[l] = r;
-		t->features[l] = (int)t->used[l];
-		for (int c = 0; c < p->nc; c++)
-			t->xi[c][l] = t->acc[c][l] * over[l];
-	}
-	for (int i = 0; i < n; i++)
-		for (int l = 0; l < LANES; l++)
-			t->best[i][l] = better[l] ? t->b[i][l] : t->best[i][l];
+	t->least = pick(better, cost, t->least);
+	t->radius = pick(better, splat(r), t->radius);
+	t->features = pick(better, t->used, t->features);
+	for (int c = 0; c < p->nc; c++)
+		t->xi[c] = pick(better, t->acc[c] * over, t->xi[c]);
+	take_over(t->best, t->b, better, p->p * p->nc);
 	if (p->ny == p->nc)
 		return;
-	for (int i = 0; i < p->p * (p->p + 1) / 2; i++)
-		for (int l = 0; l < LANES; l++)
-			t->best_l[i][l] = better[l] ? t->l[i][l] : t->best_l[i][l];
-	for (int i = 0; i < p->p; i++)
-		for (int l = 0; l < LANES; l++)
-			t->best_inv[i][l] = better[l] ? t->inv[i][l] : t->best_inv[i][l];
+	take_over(t->best_l, t->l, better, p->p * (p->p + p->nc));
+	take_over(t->best_inv, t->inv, better, p->p);
 }
 
 /* Weights of the channels in the choice: by their squared mean in the first window. */
@@ -218,7 +270,7 @@ static void weigh(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 	vec over = 1.0 / larger(t->a[0], splat(1e-300));
 
 	for (int c = 0; c < p->nc; c++) {
-		vec mean = t->c[c] * over;
+		vec mean = t->a[p->p + c] * over;
 
 		for (int l = 0; l < LANES; l++)
 			mean[l] += t->ref[l][p->p + c];
@@ -226,24 +278,59 @@ static void weigh(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 	}
 }
 
+/* One vector of each lane becomes one vector of lanes for each number. */
+GD_LWR_INLINE void turn(const double *const *from, size_t at, vec *to)
+{
+#if GD_LWR_LANES == 4
+	typedef long long pick __attribute__((vector_size(32)));
+	vec a = *(const gd_lwr_any *)(from[0] + at), b = *(const gd_lwr_any *)(from[1] + at);
+	vec c = *(const gd_lwr_any *)(from[2] + at), d = *(const gd_lwr_any *)(from[3] + at);
+	vec ab0 = __builtin_shuffle(a, b, (pick){ 0, 4, 2, 6 });
+	vec ab1 = __builtin_shuffle(a, b, (pick){ 1, 5, 3, 7 });
+	vec cd0 = __builtin_shuffle(c, d, (pick){ 0, 4, 2, 6 });
+	vec cd1 = __builtin_shuffle(c, d, (pick){ 1, 5, 3, 7 });
+
+	to[0] = __builtin_shuffle(ab0, cd0, (pick){ 0, 1, 4, 5 });
+	to[1] = __builtin_shuffle(ab1, cd1, (pick){ 0, 1, 4, 5 });
+	to[2] = __builtin_shuffle(ab0, cd0, (pick){ 2, 3, 6, 7 });
+	to[3] = __builtin_shuffle(ab1, cd1, (pick){ 2, 3, 6, 7 });
+#else
+	for (int e = 0; e < LANES; e++)
+		for (int l = 0; l < LANES; l++)
+			to[e][l] = from[l][at + (size_t)e];
+#endif
+}
+
+/* n numbers of every lane from `at` on. */
+static void turn_all(double *const *from, size_t at, int n, vec *to)
+{
+	const double *lane[LANES];
+	vec last[LANES];
+	int k = 0;
+
+	for (int l = 0; l < LANES; l++)
+		lane[l] = from[l] + at;
+	for (; k + LANES <= n; k += LANES)
+		turn(lane, (size_t)k, to + k);
+	if (k == n)
+		return;
+	turn(lane, (size_t)k, last);
+	for (int e = 0; k < n; k++, e++)
+		to[k] = last[e];
+}
+
 /* From the moments of each lane's ring to one vector per number. */
 static void gather(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 {
-	const int pitch = gd_lwr_pitch(p->q), step = p->q - p->p;
-	const int sums = p->nc + p->nvar + p->nfv;
+	const int pitch = gd_lwr_pitch(p->q);
 
-	for (int l = 0; l < LANES; l++) {
-		const double *m = t->m[l];
+	for (int i = 0; i < p->p; i++) {
+		int first = i / LANES * LANES;
 
-		for (int i = 0; i < p->p; i++, m += pitch) {
-			for (int j = i; j < p->p; j++)
-				tri_row(t->ra, j)[i][l] = m[j];
-			for (int c = 0; c < step; c++)
-				t->rc[i * step + c][l] = m[p->p + c];
-		}
-		for (int k = 0; k < sums; k++)
-			t->rs[k][l] = t->sums[l][k];
+		turn_all(t->m, (size_t)(i * pitch + first), p->q - first,
+			 t->ring + i * p->q + first);
 	}
+	turn_all(t->sums, 0, p->nc + p->nvar + p->nfv, t->rs);
 }
 
 /* Sums of the ring r of every lane that still grows; returns how many have any pixels. */
@@ -272,13 +359,12 @@ static int measure(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int r)
 
 static void total(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int first)
 {
-	const int tri = p->p * (p->p + 1) / 2, n = p->p * (p->q - p->p);
 	const int sums = p->nc + p->nvar + p->nfv;
 
-	for (int i = 0; i < tri; i++)
-		t->a[i] = first ? t->ra[i] : t->a[i] + t->ra[i];
-	for (int i = 0; i < n; i++)
-		t->c[i] = first ? t->rc[i] : t->c[i] + t->rc[i];
+	for (int i = 0; i < p->p; i++)
+		for (int j = i; j < p->p + p->nc; j++)
+			t->a[i * p->q + j] = first ? t->ring[i * p->q + j] :
+						     t->a[i * p->q + j] + t->ring[i * p->q + j];
 	for (int i = 0; i < sums; i++)
 		t->s[i] = first ? t->rs[i] : t->s[i] + t->rs[i];
 }
@@ -292,12 +378,16 @@ void gd_lwr_fit_batch(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 			gd_lwr_reference(p, t->x[l], t->y[l], t->ref[l]);
 	}
 	for (int r = 1; r <= p->radius && measure(p, t, r); r++) {
-		if (r > 1)
-			for (int c = 0; c < p->nc; c++)
-				t->acc[c] += ring_error(p, t, c);
+		if (r > 1 && p->nc == 3)
+			ring_error(p, t, 3);
+		else if (r > 1)
+			ring_error(p, t, 1);
 		total(p, t, r == 1);
 		decompose(p, t);
-		substitute(p, t->l, t->inv, t->c, p->q - p->p, t->b, p->nc);
+		if (p->nc == 3)
+			solve_back(p, t->l, t->inv, t->b, 3);
+		else
+			solve_back(p, t->l, t->inv, t->b, 1);
 		if (r == 1) {
 			weigh(p, t);
 			first_error(p, t);
@@ -309,8 +399,7 @@ void gd_lwr_fit_batch(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 /* Sums of the columns with the planes beyond the colour, over the window of the lane's model. */
 static void other_sums(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int l)
 {
-	const int others = p->ny - p->nc, r = t->radius[l];
-	struct gd_lwr_ring ring = { .z = t->z, .s = t->sums[l] };
+	const int others = p->ny - p->nc, r = (int)t->radius[l];
 
 	for (int i = 0; i < p->p * others; i++)
 		t->other[i][l] = 0;
@@ -318,17 +407,13 @@ static void other_sums(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int 
 		if (y < 0 || y >= p->h)
 			continue;
 		for (int x = t->x[l] - r; x <= t->x[l] + r; x++) {
-			double root = 1;
-
 			if (x < 0 || x >= p->w)
 				continue;
-			ring.n = 0;
-			gd_lwr_ring_pixel(p, x, y, x - t->x[l], y - t->y[l], t->ref[l], &ring);
-			root = ring.z[0];
+			gd_lwr_ring_pixel(p, x, y, t->x[l], t->y[l], t->ref[l], t->z);
 			for (int j = 0; j < p->p; j++)
 				for (int c = 0; c < others; c++)
 					t->other[j * others + c][l] +=
-						ring.z[j] * root *
+						t->z[j] * t->z[0] *
 						(double)gd_row(p->y[p->nc + c], y)[x];
 		}
 	}
@@ -340,5 +425,5 @@ void gd_lwr_fit_others(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 
 	for (int l = 0; l < t->n; l++)
 		other_sums(p, t, l);
-	substitute(p, t->best_l, t->best_inv, t->other, others, t->other_b, others);
+	substitute(p, t->best_l, p->p + p->nc, t->best_inv, t->other, t->other_b, others);
 }

@@ -4,12 +4,24 @@
  * are first lined up, widened and centred; then blocks of a few rows of the matrix of moments by a
  * few vectors of its columns, as many as the registers hold, run over them.
  */
-#include <math.h>
-
 #include "../lwr_impl.h"
 
 #define LANES GD_LWR_LANES
+#define FIRST ((3 + LANES - 1) / LANES)	/* vectors that hold 1 u v */
+#define MOST ((GD_LWR_COLUMNS + 6 + LANES - 1) / LANES)
 typedef gd_lwr_vec vec;
+
+#define splat gd_lwr_splat
+
+/* The compiler makes one instruction of this loop, but several of a conversion of vectors. */
+GD_LWR_INLINE vec widen(const float *v)
+{
+	double x[LANES] __attribute__((aligned(8 * LANES)));
+
+	for (int l = 0; l < LANES; l++)
+		x[l] = (double)v[l];
+	return *(const vec *)x;
+}
 
 /* Doubles from one pixel of a ring to the next, and between rows of its moments. */
 int gd_lwr_pitch(int columns)
@@ -64,61 +76,172 @@ void gd_lwr_reference(const struct gd_lwr_plan *p, int x, int y, double *ref)
 		ref[p->p + p->nc + c] = ref[p->p + c];
 }
 
-/* Columns of n pixels side by side from (x,y) on, with u from u0 on. */
-static void line_up(const struct gd_lwr_plan *p, int x, int y, int n, int u0, int v,
-		    const double *ref, struct gd_lwr_ring *ring)
+/* A line of pixels of a ring: from (x,y) on, n of them, to the right or down. */
+struct strip {
+	int x, y, n;
+	bool down;
+};
+
+/* Lines up the columns of a strip in n * vectors vectors. */
+GD_LWR_INLINE void line_up(const struct gd_lwr_plan *p, const struct strip *s, int x, int y,
+			   const double *ref, double *z, const int vectors)
 {
-	const int pitch = gd_lwr_pitch(p->q), summed = p->nvar + p->nfv;
-	const float *px = p->pixel + ((size_t)y * (size_t)p->w + (size_t)x) * p->pitch;
-	double *z = ring->z + (size_t)ring->n * (size_t)pitch;
+	const size_t step = s->down ? (size_t)p->w * p->pitch : p->pitch;
+	const float *px = p->pixel + ((size_t)s->y * (size_t)p->w + (size_t)s->x) * p->pitch;
+	vec less[MOST], keep[FIRST] = {{ 0 }}, move[FIRST] = {{ 0 }};
 
-	for (int i = 0; i < n; i++, px += p->pitch, z += pitch) {
-		double weight = 1;
-
-		/* the three columns before the first feature come from elsewhere */
-		for (int k = 0; k < pitch; k += LANES)
-			*(vec *)(z + k) =
-				__builtin_convertvector(*(const gd_lwr_float *)(px - 3 + k), vec) -
-				*(const gd_lwr_any *)(ref + k);
-		z[0] = 1;
-		z[1] = u0 + i;
-		z[2] = v;
-		if (p->weight.v) {
-			double root = sqrt(weight = (double)gd_row(p->weight, y)[x + i]);
-
-			for (int k = 0; k < pitch; k++)
-				z[k] *= root;
+	for (int k = 0; k < vectors; k++)
+		less[k] = -*(const gd_lwr_any *)(ref + k * LANES);
+	for (int k = 0; k < FIRST; k++) {
+		for (int l = 0; l < LANES; l++) {
+			keep[k][l] = k * LANES + l >= 3;
+			move[k][l] = k * LANES + l == (s->down ? 2 : 1);
 		}
-		for (int k = 0; k < summed; k++)
-			ring->s[p->nc + k] += weight * (double)px[p->q - 3 + k];
 	}
-	ring->n += n;
+	less[0][0] = 1;
+	less[0][1] = s->x - x;
+	less[2 / LANES][2 % LANES] = s->y - y;
+	for (int i = 0; i < s->n; i++, px += step, z += vectors * LANES) {
+		vec v[MOST];
+
+		/* what lies before a pixel's first feature is of no meaning, but finite */
+		for (int k = 0; k < vectors; k++) {
+			v[k] = widen(px - 3 + k * LANES);
+			v[k] = k < FIRST ? v[k] * keep[k] + less[k] : v[k] + less[k];
+		}
+		if (p->root > 0) {
+			vec root = splat((double)px[p->root]);
+
+			for (int k = 0; k < vectors; k++)
+				v[k] *= root;
+		}
+		for (int k = 0; k < vectors; k++)
+			*(vec *)(z + k * LANES) = v[k];
+		for (int k = 0; k < FIRST; k++)
+			less[k] += move[k];
+	}
 }
 
-void gd_lwr_ring_pixel(const struct gd_lwr_plan *p, int x, int y, int u, int v, const double *ref,
-		       struct gd_lwr_ring *ring)
+#define LINE_UP(v) \
+	case v: \
+		for (int i = 0; i < count; z += strip[i++].n * (v) * LANES) \
+			line_up(p, strip + i, x, y, ref, z, v); \
+		break
+
+/* With the number of vectors known to the compiler, where it is small enough to matter. */
+static void line_up_all(const struct gd_lwr_plan *p, const struct strip *strip, int count, int x,
+			int y, const double *ref, double *z)
 {
-	line_up(p, x, y, 1, u, v, ref, ring);
+	const int vectors = gd_lwr_pitch(p->q) / LANES;
+
+	switch (vectors) {
+	LINE_UP(2);
+	LINE_UP(3);
+	LINE_UP(4);
+	LINE_UP(5);
+	LINE_UP(6);
+	default:
+		for (int i = 0; i < count; z += strip[i++].n * vectors * LANES)
+			line_up(p, strip + i, x, y, ref, z, vectors);
+	}
+}
+
+/* Sums of what has no products: variances of the colour and of features. */
+static void add_up(const struct gd_lwr_plan *p, const struct strip *s, double *sum)
+{
+	const size_t step = s->down ? (size_t)p->w * p->pitch : p->pitch;
+	const float *px = p->pixel + ((size_t)s->y * (size_t)p->w + (size_t)s->x) * p->pitch;
+	const int summed = p->nvar + p->nfv;
+
+	for (int k = 0; k < summed; k += LANES) {
+		const float *at = px + p->q - 3 + k;
+		vec v = { 0 };
+
+		for (int i = 0; i < s->n; i++) {
+			vec here = widen(at + (size_t)i * step);
+
+			if (p->root > 0) {
+				double root = (double)px[(size_t)i * step + (size_t)p->root];
+
+				here *= root * root;
+			}
+			v += here;
+		}
+		for (int l = 0; l < LANES && k + l < summed; l++)
+			sum[k + l] += v[l];
+	}
+}
+
+/* The strips of the ring, or of the whole first window; returns their number. */
+static int strips(const struct gd_lwr_plan *p, int x, int y, int r, struct strip *to)
+{
+	const int x0 = clamp(x - r, 0, x), x1 = clamp(x + r, x, p->w - 1);
+	const int y0 = clamp(y - r, 0, y), y1 = clamp(y + r, y, p->h - 1);
+	const int top = y - r >= 0, bottom = y + r < p->h;
+	const int inner = y1 - y0 + 1 - top - bottom;
+	int n = 0;
+
+	if (r == 1) {
+		for (int j = y0; j <= y1; j++)
+			to[n++] = (struct strip){ x0, j, x1 - x0 + 1, false };
+		return n;
+	}
+	if (top)
+		to[n++] = (struct strip){ x0, y0, x1 - x0 + 1, false };
+	if (bottom)
+		to[n++] = (struct strip){ x0, y1, x1 - x0 + 1, false };
+	if (x - r >= 0)
+		to[n++] = (struct strip){ x0, y0 + top, inner, true };
+	if (x + r < p->w)
+		to[n++] = (struct strip){ x1, y0 + top, inner, true };
+	return n;
+}
+
+/*
+ * Asks for the pixels of a ring ahead of time: the sides of rings lie in as many rows, which no
+ * processor foresees.
+ */
+static void fetch(const struct gd_lwr_plan *p, int x, int y, int r)
+{
+	struct strip strip[4];
+	const int count = strips(p, x, y, r, strip);
+
+	for (int i = 0; i < count; i++) {
+		const struct strip *s = strip + i;
+		const size_t step = s->down ? (size_t)p->w * p->pitch : p->pitch;
+		const float *px = p->pixel +
+				  ((size_t)s->y * (size_t)p->w + (size_t)s->x) * p->pitch;
+
+		for (int k = 0; k < s->n; k++, px += step) {
+			__builtin_prefetch(px);
+			__builtin_prefetch(px + p->pitch - 1);
+		}
+	}
+}
+
+void gd_lwr_ring_pixel(const struct gd_lwr_plan *p, int px, int py, int x, int y,
+		       const double *ref, double *z)
+{
+	struct strip one = { px, py, 1, false };
+
+	line_up_all(p, &one, 1, x, y, ref, z);
 }
 
 void gd_lwr_ring_pixels(const struct gd_lwr_plan *p, int x, int y, int r, const double *ref,
 			struct gd_lwr_ring *ring)
 {
-	const int left = clamp(x - r, 0, x), right = clamp(x + r, x, p->w - 1);
-	const int top = clamp(y - r, 0, y), bottom = clamp(y + r, y, p->h - 1);
+	struct strip strip[4];
+	const int count = strips(p, x, y, r, strip);
 
+	line_up_all(p, strip, count, x, y, ref, ring->z);
+	fetch(p, x, y, r + 1);
+	for (int k = 0; k < p->nvar + p->nfv; k++)
+		ring->s[p->nc + k] = 0;
 	ring->n = 0;
-	for (int k = 0; k < p->nc + p->nvar + p->nfv; k++)
-		ring->s[k] = 0;
-	for (int j = top; j <= bottom; j++) {
-		if (r == 1 || j == y - r || j == y + r) {
-			line_up(p, left, j, right - left + 1, left - x, j - y, ref, ring);
-			continue;
-		}
-		if (left == x - r)
-			line_up(p, left, j, 1, -r, j - y, ref, ring);
-		if (right == x + r)
-			line_up(p, right, j, 1, r, j - y, ref, ring);
+	for (int i = 0; i < count; i++) {
+		ring->n += strip[i].n;
+		if (p->nvar + p->nfv > 0)
+			add_up(p, strip + i, ring->s + p->nc);
 	}
 }
 
@@ -166,6 +289,23 @@ static void (*const blocks[4][3])(const double *, const double *, int, int, doub
 	{ block_4_1, block_4_2, block_4_3 },
 };
 
+/* Sums over n pixels of the columns from y on, each times the one `other` columns on. */
+static void products(const double *y, int other, int n, int pitch, double *sum, int count)
+{
+	vec even = { 0 }, odd = { 0 };
+	int k = 0;
+
+	for (; k + 2 <= n; k += 2, y += 2 * pitch) {
+		even += *(const gd_lwr_any *)y * *(const gd_lwr_any *)(y + other);
+		odd += *(const gd_lwr_any *)(y + pitch) * *(const gd_lwr_any *)(y + pitch + other);
+	}
+	if (k < n)
+		even += *(const gd_lwr_any *)y * *(const gd_lwr_any *)(y + other);
+	even += odd;
+	for (int l = 0; l < count; l++)
+		sum[l] = even[l];
+}
+
 void gd_lwr_ring_sums(const struct gd_lwr_plan *p, struct gd_lwr_ring *ring)
 {
 	const int pitch = gd_lwr_pitch(p->q), vectors = pitch / LANES, other = p->twin ? p->nc : 0;
@@ -182,10 +322,7 @@ void gd_lwr_ring_sums(const struct gd_lwr_plan *p, struct gd_lwr_ring *ring)
 			b += nb;
 		}
 	}
-	for (int k = 0; k < ring->n; k++) {
-		const double *y = ring->z + (size_t)k * (size_t)pitch + p->p;
-
-		for (int c = 0; c < p->nc; c++)
-			ring->s[c] += y[c] * y[c + other];
-	}
+	for (int c = 0; c < p->nc; c += LANES)
+		products(ring->z + p->p + c, other, ring->n, pitch, ring->s + c,
+			 p->nc - c < LANES ? p->nc - c : LANES);
 }

@@ -9,8 +9,8 @@ typedef gd_lwr_vec vec;
 /* Lays the arrays of a batch out in `work`, or with work = NULL only counts; returns doubles. */
 static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, double *work)
 {
-	const size_t np = (size_t)p->p, nc = (size_t)p->nc, step = (size_t)(p->q - p->p);
-	const size_t pitch = (size_t)gd_lwr_pitch(p->q), tri = np * (np + 1) / 2;
+	const size_t np = (size_t)p->p, nc = (size_t)p->nc, rows = np + nc;
+	const size_t pitch = (size_t)gd_lwr_pitch(p->q);
 	const size_t others = (size_t)(p->ny - p->nc), ring = p->radius > 1 ? 8 * (size_t)p->radius : 9;
 	const size_t sums = (size_t)(p->nc + p->nvar + p->nfv);
 	const size_t sums_pitch = (sums + LANES - 1) / LANES * LANES;
@@ -21,20 +21,18 @@ static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, doubl
 		to = work ? (void *)(work + n) : NULL; \
 		n += count; \
 	} while (0)
-	TAKE(t->z, (ring > 9 ? ring : 9) * pitch);
+	TAKE(t->z, (ring > 9 ? ring : 9) * pitch + LANES);
 	for (int l = 0; l < LANES; l++) {
 		TAKE(t->m[l], np * pitch);
 		TAKE(t->sums[l], sums_pitch);
 		TAKE(t->ref[l], pitch);
 	}
 	TAKE(t->first, 9 * (size_t)p->q * LANES);
-	TAKE(t->ra, tri * LANES);
-	TAKE(t->rc, np * step * LANES);
+	TAKE(t->ring, np * (size_t)p->q * LANES);
 	TAKE(t->rs, sums * LANES);
-	TAKE(t->a, tri * LANES);
-	TAKE(t->c, np * step * LANES);
+	TAKE(t->a, np * (size_t)p->q * LANES);
 	TAKE(t->s, sums * LANES);
-	TAKE(t->l, tri * LANES);
+	TAKE(t->l, np * rows * LANES);
 	TAKE(t->inv, np * LANES);
 	TAKE(t->b, np * nc * LANES);
 	TAKE(t->acc, nc * LANES);
@@ -42,7 +40,7 @@ static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, doubl
 	TAKE(t->scale, nc * LANES);
 	TAKE(t->best, np * nc * LANES);
 	if (others > 0) {
-		TAKE(t->best_l, tri * LANES);
+		TAKE(t->best_l, np * rows * LANES);
 		TAKE(t->best_inv, np * LANES);
 		TAKE(t->other, np * others * LANES);
 		TAKE(t->other_b, np * others * LANES);
@@ -71,8 +69,8 @@ static void predict_batch(const struct gd_lwr_plan *p, struct gd_lwr_batch *t,
 	for (int l = 0; l < t->n; l++) {
 		double *b = t->model, *xi = b + p->ny * p->p;
 		struct gd_lwr_model m = {
-			.x = t->x[l], .y = t->y[l], .radius = t->radius[l],
-			.features = t->features[l], .weight = say(p, t->least[l]),
+			.x = t->x[l], .y = t->y[l], .radius = (int)t->radius[l],
+			.features = (int)t->features[l], .weight = say(p, t->least[l]),
 			.ref = t->ref[l], .b = b, .xi = xi,
 		};
 
@@ -106,24 +104,38 @@ static size_t size(const struct gd_lwr_plan *p)
 	return lay_out(p, &t, NULL);
 }
 
+/* The first of n increasing numbers that is at least x. */
+static int from(const int *at, int n, int x)
+{
+	int low = 0;
+
+	while (low < n) {
+		int middle = (low + n) / 2;
+
+		if (at[middle] < x)
+			low = middle + 1;
+		else
+			n = middle;
+	}
+	return low;
+}
+
 static void tile(const struct gd_lwr_plan *p, int x0, int y0, int x1, int y1, double *work,
 		 struct gd_lwr_count *count)
 {
 	struct gd_lwr_batch t = { 0 };
+	const int first = from(p->cx, p->nx, x0), last = from(p->cx, p->nx, x1);
+	const int end = from(p->cy, p->nrow, y1);
 
 	lay_out(p, &t, work);
-	for (int j = 0; j < p->nrow; j++) {
-		int y = p->cy[j];
+	for (int j = from(p->cy, p->nrow, y0); j < end; j++) {
+		const unsigned char *mark = p->mark + (size_t)p->cy[j] * (size_t)p->w;
 
-		if (y < y0 || y >= y1)
-			continue;
-		for (int i = 0; i < p->nx; i++) {
-			int x = p->cx[i];
-
-			if (x < x0 || x >= x1 || !p->mark[(size_t)y * (size_t)p->w + (size_t)x])
+		for (int i = first; i < last; i++) {
+			if (!mark[p->cx[i]])
 				continue;
-			t.x[t.n] = x;
-			t.y[t.n] = y;
+			t.x[t.n] = p->cx[i];
+			t.y[t.n] = p->cy[j];
 			if (++t.n == LANES)
 				flush(p, &t, count);
 		}

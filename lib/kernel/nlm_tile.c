@@ -303,6 +303,37 @@ INLINE void shift_sums(const struct gd_nlm_tile *t, int dx, int dy, int f, int c
 	}
 }
 
+#define REGION 5	/* of 8 neighbours: more than the 3 that a noisy line beside a pixel has */
+
+/* Adds what plane c says of a row: how many of the 3x3 around a pixel are noisy, itself for many. */
+static void mark_row(const struct gd_nlm_tile *t, int c, int y, float most)
+{
+	float *restrict count = t->dist, *restrict row = t->noisy + (size_t)y * t->stride;
+
+	memset(count, 0, (size_t)t->w * sizeof *count);
+	for (int dy = -1; dy <= 1; dy++)
+		for (int dx = -1; dx <= 1; dx++) {
+			const float *var = t->guide_var[c] +
+					   (ptrdiff_t)(y + dy) * (ptrdiff_t)t->stride + dx;
+			const float says = dx == 0 && dy == 0 ? REGION : 1;
+			int x0 = 0, x1 = t->w;
+
+			if (y + dy < t->top || y + dy >= t->bottom)
+				continue;
+			partners(t, dx, &x0, &x1);
+#pragma omp simd
+			for (int x = x0; x < x1; x++)
+				count[x] += var[x] > most ? says : 0.0f;
+		}
+#pragma omp simd
+	for (int x = 0; x < t->w; x++)
+		row[x] = count[x] >= REGION ? 1.0f : row[x];
+}
+
+/*
+ * A pixel of a noisy region whose own few samples happen to agree looks certain: most of its
+ * neighbours say that it is not.
+ */
 static bool mark(const struct gd_nlm_tile *t, const float *most)
 {
 	const int f = t->patch;
@@ -311,17 +342,11 @@ static bool mark(const struct gd_nlm_tile *t, const float *most)
 	for (int y = -f; y < t->h + f; y++)
 		t->needed[y] = 0;
 	for (int y = 0; y < t->h; y++) {
-		const size_t at = (size_t)y * t->stride;
-		float *restrict row = t->noisy + at;
+		float *row = t->noisy + (size_t)y * t->stride;
 
-		for (int c = 0; c < t->nguide; c++) {
-			const float *restrict var = t->guide_var[c] + at;
-			const float limit = most[c];
-
-#pragma omp simd
-			for (int x = 0; x < t->w; x++)
-				row[x] = (c > 0 && row[x] > 0.0f) || var[x] > limit ? 1.0f : 0.0f;
-		}
+		memset(row, 0, (size_t)t->w * sizeof *row);
+		for (int c = 0; c < t->nguide; c++)
+			mark_row(t, c, y, most[c]);
 		t->active[y] = 0;
 		for (int x = 0; x < t->w; x++)
 			if (row[x] > 0.0f)
