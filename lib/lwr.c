@@ -243,7 +243,8 @@ static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 	p->radius = conf->radius;
 	p->ny = in->ny;
 	p->nc = colours(in);
-	p->twin = in->twin != NULL;
+	p->paper = conf->paper;
+	p->twin = in->twin && !p->paper;
 	p->nvar = in->var && !p->twin ? p->nc : 0;
 	p->by_error = conf->by_error;
 	p->y = in->y;

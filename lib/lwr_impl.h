@@ -22,7 +22,7 @@ struct gd_lwr_plan {
 	int w, h, radius, radius_min;
 	int nf, nc, ny;			/* features, colour planes, planes */
 	int p, q;			/* model columns; with colour and twin */
-	bool twin, by_error;
+	bool twin, by_error, paper;
 	const struct gd_plane *y;	/* ny */
 	struct gd_plane feat[GD_LWR_FEATURES];	/* nf */
 	/*
@@ -122,7 +122,10 @@ struct gd_lwr_ring {
 #define gd_lwr_ring_pixels GD_KERNEL(gd_lwr_ring_pixels)
 #define gd_lwr_predict GD_KERNEL(gd_lwr_predict)
 int gd_lwr_pitch(int columns);
-/* What is subtracted from the columns: 0 for the first three, the median of 3x3 for others. */
+/*
+ * What is subtracted from the columns: 0 for the first three, for others the median of 3x3 pixels,
+ * or, as published, the centre.
+ */
 void gd_lwr_reference(const struct gd_lwr_plan *plan, int x, int y, double *ref);
 /* The pixels at distance r (r = 1: at most 1) of (x,y). */
 void gd_lwr_ring_pixels(const struct gd_lwr_plan *plan, int x, int y, int r, const double *ref,

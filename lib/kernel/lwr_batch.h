@@ -24,12 +24,25 @@ struct gd_lwr_batch {
 	gd_lwr_vec *other, *other_b;	/* of the planes beyond the colour */
 	gd_lwr_vec least, radius, features;	/* of the best: error, its columns in use */
 	gd_lwr_vec pixels, used;
+	double *rings, *start;	/* as published: moments and sums of each ring; 9 pixels */
 	double *model;			/* one lane's: ny * p, then nc */
 };
 
+/* Doubles of a ring's moments and sums, in whole vectors. */
+static inline size_t gd_lwr_ring_size(const struct gd_lwr_plan *p)
+{
+	return (size_t)(p->p * gd_lwr_pitch(p->q) + gd_lwr_pitch(p->nc + p->nvar + p->nfv));
+}
+
 #define gd_lwr_fit_batch GD_KERNEL(gd_lwr_fit_batch)
+#define gd_lwr_other_sums GD_KERNEL(gd_lwr_other_sums)
+#define gd_lwr_fit_paper GD_KERNEL(gd_lwr_fit_paper)
 #define gd_lwr_fit_others GD_KERNEL(gd_lwr_fit_others)
 void gd_lwr_fit_batch(const struct gd_lwr_plan *p, struct gd_lwr_batch *t);
+/* As published: the planes beyond the colour, too. */
+void gd_lwr_fit_paper(const struct gd_lwr_plan *p, struct gd_lwr_batch *t);
+/* Sums of the columns with the planes beyond the colour, over the window of lane l's model. */
+void gd_lwr_other_sums(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int l);
 void gd_lwr_fit_others(const struct gd_lwr_plan *p, struct gd_lwr_batch *t);
 
 #endif

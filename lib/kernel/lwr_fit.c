@@ -396,8 +396,7 @@ void gd_lwr_fit_batch(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 	}
 }
 
-/* Sums of the columns with the planes beyond the colour, over the window of the lane's model. */
-static void other_sums(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int l)
+void gd_lwr_other_sums(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int l)
 {
 	const int others = p->ny - p->nc, r = (int)t->radius[l];
 
@@ -424,6 +423,6 @@ void gd_lwr_fit_others(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 	const int others = p->ny - p->nc;
 
 	for (int l = 0; l < t->n; l++)
-		other_sums(p, t, l);
+		gd_lwr_other_sums(p, t, l);
 	substitute(p, t->best_l, p->p + p->nc, t->best_inv, t->other, t->other_b, others);
 }

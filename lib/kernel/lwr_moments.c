@@ -66,7 +66,9 @@ void gd_lwr_reference(const struct gd_lwr_plan *p, int x, int y, double *ref)
 	for (int j = 0; j < 9; j++)
 		at[j] = row[j / 3] + (size_t)clamp(x + j % 3 - 1, 0, p->w - 1) * pitch;
 	ref[0] = ref[1] = ref[2] = 0;
-	for (int k = 0; k < p->q - 3; k++)
+	for (int k = 0; p->paper && k < p->q - 3; k++)
+		ref[3 + k] = (double)row[1][(size_t)x * pitch + (size_t)k];
+	for (int k = 0; !p->paper && k < p->q - 3; k++)
 		ref[3 + k] = (double)middle(at[0][k], at[1][k], at[2][k], at[3][k], at[4][k],
 					    at[5][k], at[6][k], at[7][k], at[8][k]);
 	for (int k = p->q; k < gd_lwr_pitch(p->q); k++)

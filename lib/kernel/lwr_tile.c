@@ -13,7 +13,6 @@ static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, doubl
 	const size_t pitch = (size_t)gd_lwr_pitch(p->q);
 	const size_t others = (size_t)(p->ny - p->nc), ring = p->radius > 1 ? 8 * (size_t)p->radius : 9;
 	const size_t sums = (size_t)(p->nc + p->nvar + p->nfv);
-	const size_t sums_pitch = (sums + LANES - 1) / LANES * LANES;
 	size_t n = 0;
 
 #define TAKE(to, count) \
@@ -24,7 +23,7 @@ static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, doubl
 	TAKE(t->z, (ring > 9 ? ring : 9) * pitch + LANES);
 	for (int l = 0; l < LANES; l++) {
 		TAKE(t->m[l], np * pitch);
-		TAKE(t->sums[l], sums_pitch);
+		TAKE(t->sums[l], (size_t)gd_lwr_pitch((int)sums));
 		TAKE(t->ref[l], pitch);
 	}
 	TAKE(t->first, 9 * (size_t)p->q * LANES);
@@ -44,6 +43,10 @@ static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, doubl
 		TAKE(t->best_inv, np * LANES);
 		TAKE(t->other, np * others * LANES);
 		TAKE(t->other_b, np * others * LANES);
+	}
+	if (p->paper) {
+		TAKE(t->rings, (size_t)p->radius * gd_lwr_ring_size(p));
+		TAKE(t->start, 9 * pitch);
 	}
 	TAKE(t->model, ((size_t)p->ny * np + nc + LANES) / LANES * LANES);
 #undef TAKE
@@ -90,8 +93,11 @@ static void flush(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, struct gd
 {
 	if (t->n == 0)
 		return;
-	gd_lwr_fit_batch(p, t);
-	if (p->ny > p->nc)
+	if (p->paper)
+		gd_lwr_fit_paper(p, t);
+	else
+		gd_lwr_fit_batch(p, t);
+	if (!p->paper && p->ny > p->nc)
 		gd_lwr_fit_others(p, t);
 	predict_batch(p, t, count);
 	t->n = 0;
