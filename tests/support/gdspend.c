@@ -2,24 +2,25 @@
 /*
  * Spends samples that were drawn beforehand: of a buffer with bins, each pixel of the result knows
  * the first BASE bins and as many more as a sampling map says, and no others.
- *	gdspend [-a] [-e both|mean|either] BINS.exr OUT.exr BASE [MAP.exr|COUNT]
+ *	gdspend [-a] [-p] [-e both|mean|either] BINS.exr OUT.exr BASE [MAP.exr|COUNT]
  * MAP.exr: its channel "sampling", in bins; COUNT: the same for all pixels; neither: none.
  * The bins beyond BASE know nothing of the map, so that every mean stays unbiased.
  *
- * A gradient joins two pixels. It gets as many bins as they have in the mean (a half: rounded up on
- * black squares of a chessboard, down on white ones), or with -e as many as both have (the fewer),
- * or as either has.
+ * A gradient joins two pixels. It gets as many bins as both have, or with -e as they have in the mean
+ * (a half: rounded up on black squares of a chessboard, down on white ones), or as either has.
  *
  * Written: means, the variance of the mean from the spread of the bins at hand, half0 and half1 (the
- * even and the odd bins at hand), the halves again as bin0 and bin1, and samples, those of the halves, too. A bin is on the same
+ * even and the odd bins at hand), the halves again as bin0 and bin1, and samples. A bin is on the same
  * side everywhere: neighbours share noise in gradient-domain renders, and halves must not.
  * With -a and equal counts everywhere the bins stay apart.
+ * -p: a pass of its own, which knows the bins beyond BASE only; 0 where there are none.
  * G-buffers have no bins: they stay.
  */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "buffers.h"
 #include "exr.h"
@@ -31,6 +32,7 @@ struct spend {
 	int bins;
 	double spp;		/* samples of a bin */
 	enum edges edges;
+	int first;		/* bin of a pass: those before are left out */
 	int apart;		/* bins written one by one; 0: the halves again as two */
 	int *count;		/* bins of each pixel */
 };
@@ -73,9 +75,37 @@ static int copy_bin(struct spend *s, const char *name, const struct gd_plane *fr
 	return rc;
 }
 
-static int spend_layer(struct spend *s, const char *layer, struct gd_err *err)
+/* What becomes of one channel of a layer. */
+struct spent {
+	struct gd_plane bin[GD_MAX_BINS], mean, var, half[2], copy[2];
+};
+
+/* Pixel x, y from the n bins from first on. */
+static void spend_pixel(const struct spent *to, int first, int n, int x, int y)
 {
-	struct gd_plane bin[GD_MAX_BINS][4], mean[4], var[4], half[2][4], copy[2][4];
+	double sum[2] = { 0 }, square = 0, mean;
+
+	for (int b = 0; b < n; b++)
+		sum[b % 2] += (double)gd_row(to->bin[first + b], y)[x];
+	mean = n ? (sum[0] + sum[1]) / n : 0;
+	for (int b = 0; b < n; b++)
+		square += pow((double)gd_row(to->bin[first + b], y)[x] - mean, 2);
+	gd_row(to->mean, y)[x] = (float)mean;
+	gd_row(to->var, y)[x] = n > 1 ? (float)(square / n / (n - 1)) : 0;
+	for (int h = 0; h < 2; h++) {
+		int k = (n + 1 - h) / 2;
+		float v = k ? (float)(sum[h] / k) : 0;
+
+		gd_row(to->half[h], y)[x] = v;
+		if (to->copy[h].v)
+			gd_row(to->copy[h], y)[x] = v;
+	}
+}
+
+/* The channels of a layer, old and new. */
+static int open_layer(struct spend *s, const char *layer, struct spent *to, struct gd_err *err)
+{
+	struct gd_plane mean[4], var[4], half[2][4], copy[2][4] = { { { 0 } } }, bin[4];
 	char name[256];
 	int rc = add(s, "", layer, mean, err);
 
@@ -87,40 +117,34 @@ static int spend_layer(struct spend *s, const char *layer, struct gd_err *err)
 		if (rc == GD_OK && !s->apart)
 			rc = add(s, h ? "bin1" : "bin0", layer, copy[h], err);
 	}
-	if (rc != GD_OK)
-		return rc;
-	for (int b = 0; b < s->bins; b++) {
+	for (int c = 0; c < 3 && rc == GD_OK; c++)
+		to[c] = (struct spent){ .mean = mean[c], .var = var[c],
+					.half = { half[0][c], half[1][c] },
+					.copy = { copy[0][c], copy[1][c] } };
+	for (int b = 0; b < s->bins && rc == GD_OK; b++) {
 		snprintf(name, sizeof name, *layer ? "bin%d.%s" : "bin%d", b, layer);
-		if (gd_layer_planes(s->in, name, bin[b]) != 3)
+		if (gd_layer_planes(s->in, name, bin) != 3)
 			return gd_fail(err, GD_ESHAPE, "no layer %s", name);
+		for (int c = 0; c < 3; c++)
+			to[c].bin[b] = bin[c];
 		if (b < s->apart)
-			rc = copy_bin(s, name, bin[b], err);
-		if (rc != GD_OK)
-			return rc;
+			rc = copy_bin(s, name, bin, err);
 	}
-	for (int c = 0; c < 3; c++)
-		for (int y = 0; y < s->in->h; y++)
-			for (int x = 0; x < s->in->w; x++) {
-				int n = bins_at(s, layer, x, y);
-				double sum[2] = { 0 }, square = 0, m;
-
-				for (int b = 0; b < n; b++)
-					sum[b % 2] += (double)gd_row(bin[b][c], y)[x];
-				m = (sum[0] + sum[1]) / n;
-				for (int b = 0; b < n; b++)
-					square += pow((double)gd_row(bin[b][c], y)[x] - m, 2);
-				gd_row(mean[c], y)[x] = (float)m;
-				gd_row(var[c], y)[x] = (float)(square / n / (n - 1));
-				for (int h = 0; h < 2; h++) {
-					int k = (n + 1 - h) / 2;
-
-					gd_row(half[h][c], y)[x] = (float)(sum[h] / k);
-					if (!s->apart)
-						gd_row(copy[h][c], y)[x] = (float)(sum[h] / k);
-				}
-			}
-	return GD_OK;
+	return rc;
 }
+
+static int spend_layer(struct spend *s, const char *layer, struct gd_err *err)
+{
+	struct spent to[3];
+	int rc = open_layer(s, layer, to, err);
+
+	for (int c = 0; c < 3 && rc == GD_OK; c++)
+		for (int y = 0; y < s->in->h; y++)
+			for (int x = 0; x < s->in->w; x++)
+				spend_pixel(&to[c], s->first, bins_at(s, layer, x, y), x, y);
+	return rc;
+}
+
 
 static int read_all(struct gd_image *im, const char *path, const char *only, struct gd_err *err)
 {
@@ -154,10 +178,10 @@ static int count_bins(struct spend *s, int base, const char *more, struct gd_err
 		for (int x = 0; x < s->in->w && rc == GD_OK; x++) {
 			int n = base + (file ? (int)lround((double)gd_row(map, y)[x]) : (int)even);
 
-			if (n < 2 || n > s->bins)
+			if ((n < 2 && !s->first) || n < s->first || n > s->bins)
 				rc = gd_fail(err, GD_ESHAPE, "%d bins wanted at %d,%d of %d", n, x,
 					     y, s->bins);
-			s->count[(size_t)y * (size_t)s->in->w + (size_t)x] = n;
+			s->count[(size_t)y * (size_t)s->in->w + (size_t)x] = n - s->first;
 		}
 	gd_image_free(&im);
 	return rc;
@@ -189,7 +213,7 @@ static int copy_rest(struct spend *s, struct gd_err *err)
 static int spend(struct spend *s, struct gd_err *err)
 {
 	static const char *const layers[] = { "", "dx", "dy" };
-	struct gd_plane samples, half[2] = { { 0 } };
+	struct gd_plane samples;
 	int rc = GD_OK;
 
 	for (int k = 0; k < 3 && rc == GD_OK; k++)
@@ -199,42 +223,36 @@ static int spend(struct spend *s, struct gd_err *err)
 		rc = copy_rest(s, err);
 	if (rc == GD_OK)
 		rc = gd_image_add(&s->out, "samples", &samples, err);
-	for (int h = 0; h < 2 && rc == GD_OK; h++)
-		rc = gd_image_add(&s->out, h ? "half1.samples" : "half0.samples", &half[h], err);
 	for (int y = 0; y < s->in->h && rc == GD_OK; y++)
 		for (int x = 0; x < s->in->w; x++)
-{
 			gd_row(samples, y)[x] = (float)(s->spp * at(s, x, y));
-			for (int h = 0; h < 2; h++)
-				gd_row(half[h], y)[x] = (float)(s->spp * ((at(s, x, y) + 1 - h) / 2));
-		}
 	return rc == GD_OK ? gd_attr_set_int(&s->out, "gd:bins", s->apart ? s->apart : 2, err) : rc;
 }
 
 int main(int argc, char **argv)
 {
 	struct gd_image in = { 0 };
-	struct spend s = { .in = &in, .edges = MEAN };
+	struct spend s = { .in = &in, .edges = BOTH };
 	struct gd_err err = { 0 };
 	double spp;
-	int rc;
+	int option, usage = 0, rc;
 
-	if (argc > 1 && !strcmp(argv[1], "-a")) {
-		s.apart = 1;
-		argv++;
-		argc--;
+	while ((option = getopt(argc, argv, "ape:")) != -1) {
+		s.apart = s.apart || option == 'a';
+		s.first = s.first || option == 'p';
+		if (option == 'e')
+			s.edges = *optarg == 'm' ? MEAN : *optarg == 'e' ? EITHER : BOTH;
+		usage = usage || option == '?';
 	}
-	if (argc > 2 && !strcmp(argv[1], "-e")) {
-		s.edges = argv[2][0] == 'b' ? BOTH : argv[2][0] == 'e' ? EITHER : MEAN;
-		argv += 2;
-		argc -= 2;
-	}
-	if (argc < 4 || argc > 5)
-		return fprintf(stderr, "usage: gdspend [-a] [-e both|mean|either] BINS.exr OUT.exr BASE "
-				       "[MAP.exr|COUNT]\n"), 2;
+	argv += optind - 1;
+	argc -= optind - 1;
+	if (usage || argc < 4 || argc > 5)
+		return fprintf(stderr, "usage: gdspend [-a] [-p] [-e both|mean|either] BINS.exr "
+				       "OUT.exr BASE [MAP.exr|COUNT]\n"), 2;
 	rc = read_all(&in, argv[1], NULL, &err);
 	s.bins = gd_bins(&in, "");
 	s.spp = 1;
+	s.first = s.first ? atoi(argv[3]) : 0;
 	if (rc == GD_OK && gd_attr_number(&in, "gd:samplesPerPixel", &spp))
 		s.spp = spp / s.bins;
 	gd_image_init(&s.out, in.w, in.h);
