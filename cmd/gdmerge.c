@@ -146,6 +146,7 @@ static void tell_result(struct gd_cli *cli, const struct gd_merge_result *r)
 	gd_cli_stat(cli, "bins", r->bins);
 	gd_cli_stat(cli, "dropped_pixels", (double)r->dropped);
 	gd_cli_stat(cli, "empty_pixels", (double)r->empty);
+	gd_cli_stat(cli, "one_sided_pixels", (double)r->one_sided);
 	if (r->spread_ratio > 0)
 		gd_cli_stat(cli, "spread_ratio", r->spread_ratio);
 	if (r->dropped)
@@ -154,6 +155,10 @@ static void tell_result(struct gd_cli *cli, const struct gd_merge_result *r)
 			    r->dropped);
 	if (r->empty)
 		gd_cli_warn(cli, "%zu pixels have no sample in any input and are 0", r->empty);
+	if (r->one_sided)
+		gd_cli_warn(cli, "%zu pixels have samples in the even or the odd bins only: "
+			    "render every pass in two parts (gdsample --multiple 2)",
+			    r->one_sided);
 	if (r->bins && r->bin_ratio > 1.5)
 		gd_cli_warn(cli, "the fullest bin has %.2g times the samples of the emptiest",
 			    r->bin_ratio);

@@ -126,7 +126,7 @@ static inline double gd_halves_share(const struct gd_crossfit_in *in, int half, 
 {
 	double n[2];
 
-	if (!in->count[0].v)
+	if (in->self || !in->count[0].v)
 		return in->share[half];
 	for (int h = 0; h < 2; h++)
 		n[h] = (double)gd_row(in->count[h], y)[x];

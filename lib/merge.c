@@ -84,7 +84,8 @@ int gd_merge_want(struct gd_merge *m, int i, struct gd_image *im, struct gd_err 
 		bool wanted = known && known->wanted, read = false;
 
 		if (l->role == GD_ROLE_MEAN)
-			read = wanted || gd_merge_in_family(l->layer, "bin");
+			read = wanted || gd_merge_in_family(l->layer, "bin") ||
+			       (m->input[i].sided && gd_merge_is_side(l->layer));
 		else if (l->role == GD_ROLE_VARIANCE)
 			read = wanted && known->has_variance && !known->spread;
 		else if (l->role == GD_ROLE_SAMPLES)
@@ -127,7 +128,7 @@ static int add_planes(struct gd_merge *m, struct merge_layer *l, struct gd_err *
 			rc = gd_image_add(&m->out, name, &l->bin[b][c], err);
 		}
 	}
-	if (rc == GD_OK && l->binned && m->bins && !m->lockstep) {
+	if (rc == GD_OK && l->binned && m->bins && (!m->lockstep || m->sided)) {
 		l->bin_count = calloc((size_t)m->bins, sizeof *l->bin_count);
 		rc = l->bin_count ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
 	}
@@ -223,6 +224,23 @@ static double share_of(const struct gd_merge *m, const struct merge_input *in, s
 	return in->spp;
 }
 
+/* A plane of counts, in units of one, made fit for weights, with their mean. */
+static struct gd_count make_count(struct gd_plane p, float one)
+{
+	struct gd_count count = { .plane = p };
+
+	for (int y = 0; y < p.h; y++) {
+		float *row = gd_row(p, y);
+
+		for (int x = 0; x < p.w; x++) {
+			row[x] = isfinite(row[x]) && row[x] > 0 ? one * row[x] : 0;
+			count.all += (double)row[x];
+		}
+	}
+	count.all /= (double)p.w * p.h;
+	return count;
+}
+
 /*
  * Samples per pixel of the whole input: a plane of its "samples", made fit for weights, with their
  * mean in all; or one number.
@@ -242,19 +260,27 @@ static int input_count(struct gd_merge *m, int i, const struct gd_image *im, str
 	rc = planes_of(m, im, samples, plane, in->label, err);
 	if (rc != GD_OK)
 		return rc;
-	count->plane = plane[0];
-	count->all = 0;
 	one = (float)share_of(m, in, plane[0]);
-	for (int y = 0; y < m->h; y++) {
-		float *row = gd_row(plane[0], y);
-
-		for (int x = 0; x < m->w; x++) {
-			row[x] = isfinite(row[x]) && row[x] > 0 ? one * row[x] : 0;
-			count->all += (double)row[x];
-		}
-	}
-	count->all /= (double)m->w * m->h;
+	*count = make_count(plane[0], one);
 	return GD_OK;
+}
+
+/* The same of either half, if the input tells. */
+static int side_counts(struct gd_merge *m, int i, const struct gd_image *im, struct gd_err *err)
+{
+	int rc = GD_OK;
+
+	memset(m->side, 0, sizeof m->side);
+	for (int h = 0; h < 2 && m->input[i].sided && rc == GD_OK; h++) {
+		const struct gd_named *samples = gd_names_find(
+			&m->names, GD_ROLE_MEAN, h ? "half1.samples" : "half0.samples");
+		struct gd_plane plane[GD_NAMED_MAX];
+
+		rc = planes_of(m, im, samples, plane, m->input[i].label, err);
+		if (rc == GD_OK)
+			m->side[h] = make_count(plane[0], 1).plane;
+	}
+	return rc;
 }
 
 /*
@@ -277,16 +303,16 @@ static void assign_units(struct gd_merge *m, int i, double samples)
 }
 
 /*
- * The samples behind a layer's means: those of the pixel; of half of them for half0 and half1. An
+ * The samples behind a layer's means: scale times those of the pixel. An
  * edge of the gradients is sampled from both its pixels (n_i + n_j, over 2 so that equal counts
  * stay what they are), unless own_edges says that only its own counts.
  */
-static void layer_weight(struct gd_merge *m, const struct merge_layer *l,
-			 const struct gd_count *count, bool bad, struct gd_count *w)
+static void weigh(struct gd_merge *m, const struct merge_layer *l, const struct gd_count *count,
+		  float scale, bool bad, struct gd_count *w)
 {
-	bool dx = !m->conf.own_edges && !strcmp(l->name, "dx");
-	bool dy = !m->conf.own_edges && !strcmp(l->name, "dy");
-	float scale = l->half ? 0.5f : 1;
+	const char *name = l->half && strchr(l->name, '.') ? strchr(l->name, '.') + 1 : l->name;
+	bool dx = !m->conf.own_edges && !strcmp(name, "dx");
+	bool dy = !m->conf.own_edges && !strcmp(name, "dy");
 
 	*w = (struct gd_count){ .all = count->all * (double)scale };
 	if (!count->plane.v && !bad)
@@ -304,6 +330,18 @@ static void layer_weight(struct gd_merge *m, const struct merge_layer *l,
 			row[x] = a ? scale * 0.5f * (a[x] + b[other]) : (float)w->all;
 		}
 	}
+}
+
+/* The same of a layer: of half0 and half1 half of them, unless the input tells how many. */
+static void layer_weight(struct gd_merge *m, const struct merge_layer *l,
+			 const struct gd_count *count, bool bad, struct gd_count *w)
+{
+	const struct gd_count side = { .plane = m->side[l->half && l->name[4] == '1'] };
+
+	if (l->half && side.plane.v)
+		weigh(m, l, &side, 1, bad, w);
+	else
+		weigh(m, l, count, l->half ? 0.5f : 1, bad, w);
 }
 
 /* parts += n wherever w > 0. */
@@ -392,29 +430,59 @@ static size_t add_means(struct gd_merge *m, struct merge_layer *l, const struct 
 	return bad;
 }
 
-static int add_bins(struct gd_merge *m, struct merge_layer *l, const struct source *s,
-		    struct gd_count *w, struct gd_err *err)
+/* Bins first, first + step, ... of the source, each with weight w. */
+static int add_units(struct gd_merge *m, struct merge_layer *l, const struct source *s, int first,
+		     int step, const struct gd_count *w, struct gd_err *err)
 {
 	const struct gd_plane none = { 0 };
 	int rc = GD_OK;
 
-	if (!m->lockstep && s->n > 1)
-		gd_count_scale(w, 1.0 / s->n);
-	for (int u = 0; u < s->n && rc == GD_OK; u++) {
+	for (int u = first; u < s->n && rc == GD_OK; u += step) {
 		int b = m->unit_bin[s->in->first_unit + u];
-		const struct gd_count *old = m->lockstep ? &l->count : &l->bin_count[b];
+		const struct gd_count *old = l->bin_count ? &l->bin_count[b] : &l->count;
 
 		for (int c = 0; c < l->n; c++)
 			gd_accum_add(l->bin[b][c], none,
 				     s->n > 1 ? s->part[u * MERGE_COMP + c] : s->mean[c], none, w,
 				     old);
-		if (!m->lockstep)
+		if (l->bin_count)
 			rc = gd_count_add(&l->bin_count[b], w, err);
 	}
-	if (!m->lockstep && s->n > 1)
+	return rc;
+}
+
+/* The bins of the source share its samples evenly. */
+static int add_bins(struct gd_merge *m, struct merge_layer *l, const struct source *s,
+		    struct gd_count *w, struct gd_err *err)
+{
+	bool each = l->bin_count && s->n > 1;
+	int rc;
+
+	if (each)
+		gd_count_scale(w, 1.0 / s->n);
+	rc = add_units(m, l, s, 0, 1, w, err);
+	if (each)
 		gd_count_scale(w, s->n);
 	return rc;
 }
+
+/* The even bins share the samples of one half, the odd ones those of the other. Spoils m->weight. */
+static int add_sides(struct gd_merge *m, struct merge_layer *l, const struct source *s,
+		     const struct gd_plane *all, int nall, struct gd_err *err)
+{
+	int rc = GD_OK;
+
+	for (int h = 0; h < 2 && rc == GD_OK; h++) {
+		const struct gd_count side = { .plane = m->side[h] };
+		struct gd_count w;
+
+		weigh(m, l, &side, 1.0f / (float)((s->n + 1 - h) / 2), false, &w);
+		gd_accum_mask(all, nall, &w);
+		rc = add_units(m, l, s, h, 2, &w, err);
+	}
+	return rc;
+}
+
 
 static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_image *im,
 		     struct source *s, const struct gd_count *count, const struct gd_report *report,
@@ -423,6 +491,7 @@ static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_
 	const struct gd_named *named = gd_names_find(&m->names, GD_ROLE_MEAN, l->name);
 	struct gd_count w;
 	size_t bad, bad_variance;
+	bool sides;
 	int rc, nall = 0;
 	struct gd_plane all[(GD_MAX_BINS + 1) * MERGE_COMP];
 
@@ -449,13 +518,14 @@ static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_
 	if (bad_variance)
 		gd_note(report, "%s: %zu NaN in the variance of %s taken for 0", s->in->label,
 			bad_variance, *l->name ? l->name : "the colour");
-	if (l->binned && m->bins)
+	sides = l->binned && m->bins && s->n > 1 && m->side[0].v;
+	if (l->binned && m->bins && !sides)
 		rc = add_bins(m, l, s, &w, err);
 	if (rc == GD_OK && l->has_variance && l->spread)
 		rc = count_parts(m, &l->parts, &w, s->n, err);
 	if (rc == GD_OK)
 		rc = gd_count_add(&l->count, &w, err);
-	return rc;
+	return rc == GD_OK && sides ? add_sides(m, l, s, all, nall, err) : rc;
 }
 
 int gd_merge_add(struct gd_merge *m, int i, struct gd_image *im, const struct gd_report *report,
@@ -472,6 +542,8 @@ int gd_merge_add(struct gd_merge *m, int i, struct gd_image *im, const struct gd
 		rc = m->out.nchan ? join_attributes(m, im, err) : start_output(m, im, err);
 	if (rc == GD_OK)
 		rc = input_count(m, i, im, &count, err);
+	if (rc == GD_OK)
+		rc = side_counts(m, i, im, err);
 	if (rc == GD_OK)
 		assign_units(m, i, count.all);
 	for (int k = 0; k < m->nlayer && rc == GD_OK; k++) {

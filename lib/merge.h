@@ -20,6 +20,10 @@
  * the bins that they hold):
  *	sum n_u (m_u - m)^2 / ((U - 1) n).
  * All are unbiased when n_p does not depend on m_p.
+ *
+ * Inputs that tell the samples of either half (half0.samples, half1.samples) have these in their
+ * even and odd bins, others as many in each. The result tells them where they are not the same
+ * share of the samples in every pixel.
  */
 #ifndef GD_MERGE_H
 #define GD_MERGE_H
@@ -40,6 +44,7 @@ struct gd_merge_result {
 	double samples;		/* per pixel, mean over the image; 0 if not known */
 	size_t dropped;		/* pixels of inputs left out for NaN or Inf, of each layer */
 	size_t empty;		/* pixels of the colour without any sample: 0 */
+	size_t one_sided;	/* pixels with samples in the even or in the odd bins only */
 	double bin_ratio;	/* samples of the fullest bin over those of the emptiest */
 	double spread_ratio; /* standard deviation by the inputs' variances over that by the spread
 			      * of the bins, in the mean over the image; 0 if not known */

@@ -131,7 +131,32 @@ static int finish_layer_variance(struct gd_merge *m, struct merge_layer *l,
 	return GD_OK;
 }
 
-/* Bins that have no part at a pixel take the mean, so that the mean of the bins stays the mean. */
+/* Samples that the even (0) or odd (1) bins of a layer have at a pixel. */
+static double side_samples(const struct gd_merge *m, const struct merge_layer *l, int side, int x,
+			   int y)
+{
+	double n = 0;
+
+	for (int b = side; b < m->bins; b += 2)
+		n += at(&l->bin_count[b], x, y);
+	return n;
+}
+
+/* The mean of a side's bins at a pixel; of all samples, if it has none. */
+static float side_mean(const struct gd_merge *m, const struct merge_layer *l, int c, int side,
+		       int x, int y)
+{
+	double sum = 0, n = side_samples(m, l, side, x, y);
+
+	for (int b = side; b < m->bins && n > 0; b += 2)
+		sum += at(&l->bin_count[b], x, y) / n * (double)gd_row(l->bin[b][c], y)[x];
+	return n > 0 ? narrow(sum) : gd_row(l->mean[c], y)[x];
+}
+
+/*
+ * Bins that have no part at a pixel take the mean of those on their side, so that the halves stay
+ * independent; or else the mean of all.
+ */
 static void finish_bins(struct gd_merge *m, struct merge_layer *l)
 {
 	for (int b = 0; l->bin_count && b < m->bins; b++) {
@@ -141,9 +166,11 @@ static void finish_bins(struct gd_merge *m, struct merge_layer *l)
 		for (int y = 0; y < m->h; y++)
 			for (int x = 0; x < m->w; x++)
 				for (int c = 0; c < l->n && !(at(&l->bin_count[b], x, y) > 0); c++)
-					gd_row(l->bin[b][c], y)[x] = gd_row(l->mean[c], y)[x];
+					gd_row(l->bin[b][c], y)[x] =
+						side_mean(m, l, c, b % 2, x, y);
 	}
 }
+
 
 static void count_empty(struct gd_merge *m, struct merge_layer *l, const struct gd_report *report)
 {
@@ -251,6 +278,47 @@ static int add_samples(struct gd_merge *m, const struct merge_layer *colour, dou
 	return rc;
 }
 
+/* Samples of either half, from the bins or from the halves that were merged; false if unknown. */
+static bool sides_at(struct gd_merge *m, double n[2], int x, int y)
+{
+	const struct merge_layer *colour = gd_merge_layer(m, "");
+	const struct merge_layer *half[2] = { gd_merge_layer(m, "half0"),
+					      gd_merge_layer(m, "half1") };
+	bool halves = half[0] && half[1] && half[0]->wanted && half[1]->wanted;
+
+	for (int h = 0; h < 2; h++)
+		n[h] = colour->bin_count ? side_samples(m, colour, h, x, y) :
+		       halves		 ? at(&half[h]->count, x, y) : 0;
+	return colour->bin_count || halves;
+}
+
+/* Writes the samples of either half where these are not the same share everywhere. */
+static int add_sides(struct gd_merge *m, size_t *one_sided, struct gd_err *err)
+{
+	double share = m->bins ? (m->bins + 1) / 2 / (double)m->bins : 0.5, n[2];
+	struct gd_plane out[2];
+	bool differ = false;
+	int rc = GD_OK;
+
+	if (!m->counted || !sides_at(m, n, 0, 0))
+		return GD_OK;
+	for (int y = 0; y < m->h && !differ; y++)
+		for (int x = 0; x < m->w && !differ; x++) {
+			sides_at(m, n, x, y);
+			differ = fabs(n[0] - share * (n[0] + n[1])) > 1e-4 * (n[0] + n[1]);
+		}
+	for (int h = 0; h < 2 && differ && rc == GD_OK; h++)
+		rc = gd_image_add(&m->out, h ? "half1.samples" : "half0.samples", &out[h], err);
+	for (int y = 0; y < m->h && differ && rc == GD_OK; y++)
+		for (int x = 0; x < m->w; x++) {
+			sides_at(m, n, x, y);
+			for (int h = 0; h < 2; h++)
+				gd_row(out[h], y)[x] = (float)n[h];
+			*one_sided += n[0] + n[1] > 0 && !(n[0] > 0 && n[1] > 0);
+		}
+	return rc;
+}
+
 static bool is_bin(const char *name, void *user)
 {
 	(void)user;
@@ -285,6 +353,8 @@ int gd_merge_finish(struct gd_merge *m, struct gd_image *out, struct gd_merge_re
 	r.spread_ratio = rc == GD_OK ? spread_ratio(m, colour, r.bin_ratio) : 0;
 	if (rc == GD_OK && m->counted)
 		rc = add_samples(m, colour, &r.samples, err);
+	if (rc == GD_OK && (m->keep_bins || m->make_halves || !m->bins))
+		rc = add_sides(m, &r.one_sided, err);
 	if (rc == GD_OK && (r.bins || gd_attr_find(&m->out, "gd:bins")))
 		rc = gd_attr_set_int(&m->out, "gd:bins", r.bins, err);
 	if (rc != GD_OK)

@@ -22,6 +22,11 @@ bool gd_merge_in_family(const char *name, const char *prefix)
 	return !name[n] || name[n] == '.';
 }
 
+bool gd_merge_is_side(const char *name)
+{
+	return !strcmp(name, "half0.samples") || !strcmp(name, "half1.samples");
+}
+
 /* Layers whose noise a denoiser models. */
 static bool is_feature(const char *name)
 {
@@ -130,7 +135,8 @@ static int survey_layers(struct gd_merge *m, const struct gd_names *names, const
 	for (int k = 0; k < names->n && rc == GD_OK; k++) {
 		const struct gd_named *l = &names->layer[k], *var;
 
-		if (l->role != GD_ROLE_MEAN || gd_merge_in_family(l->layer, "bin"))
+		if (l->role != GD_ROLE_MEAN || gd_merge_in_family(l->layer, "bin") ||
+		    gd_merge_is_side(l->layer))
 			continue;
 		var = names->variance == GD_VARIANCE_NONE ? NULL :
 			gd_names_find(names, GD_ROLE_VARIANCE, l->layer);
@@ -166,6 +172,10 @@ static int survey_input(struct gd_merge *m, const struct gd_image *im, const cha
 		rc = survey_layers(m, &names, label, err);
 	if (rc == GD_OK) {
 		in->per_pixel = !(spp > 0) && gd_names_find(&names, GD_ROLE_SAMPLES, "samples");
+		in->sided = in->per_pixel &&
+			    gd_names_find(&names, GD_ROLE_MEAN, "half0.samples") &&
+			    gd_names_find(&names, GD_ROLE_MEAN, "half1.samples");
+		m->sided = m->sided || in->sided;
 		in->units = count_bins(&names);
 		if (!(spp > 0) && !gd_names_spp(im, &in->spp))
 			in->spp = 0;

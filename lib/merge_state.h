@@ -30,6 +30,7 @@ struct merge_input {
 	char *label;
 	double spp;			/* 0: not known from --spp or attributes */
 	bool per_pixel;			/* has a channel "samples" */
+	bool sided;			/* tells the samples of either half, too */
 	int units;			/* bins it holds, else 1 */
 	int first_unit;
 };
@@ -45,17 +46,21 @@ struct gd_merge {
 	int bins;			/* being made */
 	bool keep_bins, make_halves;
 	bool lockstep;			/* every input's bin b goes into bin b */
+	bool sided;			/* an input is: bins are counted one by one */
 	int *unit_bin;			/* bin of each unit of each input */
 	double bin_samples[GD_MAX_BINS];	/* of each bin so far, mean over the image */
 	struct gd_names names;		/* of the input being added, ... */
 	char **source;			/* ... and its channels' names */
 	int nsource;
+	struct gd_plane side[2];	/* of the input being added, if it is sided */
 	struct gd_plane weight, within;	/* work space */
 	struct gd_image out;
 };
 
 /* Is name prefix, digits and then nothing or a dot: "bin12", "bin0.dx" of the family "bin"? */
 bool gd_merge_in_family(const char *name, const char *prefix);
+/* Is it the name of the samples of either half? */
+bool gd_merge_is_side(const char *name);
 struct merge_layer *gd_merge_layer(struct gd_merge *m, const char *name);	/* or NULL */
 /* The layer of bin b, e.g. "bin3.dx" of "dx", or NULL. */
 const struct gd_named *gd_merge_bin_of(const struct gd_names *names, const struct gd_named *layer,

@@ -155,3 +155,55 @@ sum() { awk -v m="$(val "$1" sampling)" 'BEGIN { printf "%.0f", m * 1200 }'; }
 	[ "$(sum out.exr)" = 4800 ]
 	[ "$(names out.exr | tr ' ' '\n' | grep -c '^sampling$')" -eq 1 ]
 }
+
+# The loop on a real render, pass by pass: two bins, a map, a second pass by it, both merged. all.exr: what one
+# render of these counts would have written.
+loop() {
+	export PATH=${GD_SUPPORT:-$top/build/opt/tests/support}:$PATH
+	data=${GD_TESTDATA:-$top/testdata}/kitchen
+	gdspend "$data/path16eq.exr" first.exr 2
+	"$bin/gdapr" --fast -q first.exr clean.exr
+	"$gdsample" -q --spp 3 --max 6 "$@" clean.exr map.exr
+	gdspend -p "$data/path16eq.exr" second.exr 2 map.exr
+	gdspend "$data/path16eq.exr" all.exr 2 map.exr
+}
+
+relmse() { "$bin/gdrelmse" -q --format tsv -r "$data/reference.exr" "$1" | tail -n 1 | cut -f2; }
+
+@test "two passes merge to what one render would have been, and pay" {
+	loop --multiple 2
+	run --separate-stderr "$bin/gdmerge" first.exr second.exr -o merged.exr
+	[ "$status" -eq 0 ] && [ -z "$stderr" ]
+	gdcheck all.exr merged.exr 1e-5
+	"$bin/gdapr" --fast -q merged.exr merged-clean.exr
+	gdspend "$data/path16eq.exr" even.exr 2 3
+	"$bin/gdapr" --fast -q even.exr even-clean.exr
+	awk -v a="$(relmse merged-clean.exr)" -v b="$(relmse even-clean.exr)" 'BEGIN { print a, b; exit !(a < 0.95 * b) }'
+}
+
+@test "halves of unlike counts keep their counts" {
+	loop
+	"$bin/gdmerge" first.exr second.exr -o merged.exr --compression none
+	gdcheck all.exr merged.exr 1e-5
+	differ=0
+	for x in 5 30 55 80 105; do for y in 9 33 66 90; do
+		for c in half0.samples half1.samples half0.R bin1.G; do
+			awk -v a="$(val merged.exr $c $x $y)" -v b="$(val all.exr $c $x $y)" \
+				'BEGIN { exit !(a <= b * 1.00001 && b <= a * 1.00001) }'
+		done
+		[ "$(val merged.exr half0.samples $x $y)" = "$(val merged.exr half1.samples $x $y)" ] || differ=1
+	done; done
+	[ $differ -eq 1 ]
+}
+
+@test "passes in one piece: told, and denoised without fault" {
+	loop
+	for f in first second; do gdcut $f.exr $f-whole.exr 0 0 112 96 bin half; done
+	run --separate-stderr "$bin/gdmerge" first-whole.exr second-whole.exr -o merged.exr
+	[ "$status" -eq 0 ] && [[ "$stderr" == *"pixels have samples in the even or the odd bins only: render every pass in two parts"* ]]
+	"$bin/gdmerge" -q --bins 0 first-whole.exr second-whole.exr -o binless.exr
+	for f in merged binless; do
+		"$bin/gdapr" -q $f.exr $f-clean.exr
+		gdcheck -c "^(R|G|B|error.*)\$" $f-clean.exr
+	done
+}

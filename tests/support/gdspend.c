@@ -10,7 +10,7 @@
  * (a half: rounded up on black squares of a chessboard, down on white ones), or as either has.
  *
  * Written: means, the variance of the mean from the spread of the bins at hand, half0 and half1 (the
- * even and the odd bins at hand), the halves again as bin0 and bin1, and samples. A bin is on the same
+ * even and the odd bins at hand), the halves again as bin0 and bin1, and samples, those of the halves, too. A bin is on the same
  * side everywhere: neighbours share noise in gradient-domain renders, and halves must not.
  * With -a and equal counts everywhere the bins stay apart.
  * -p: a pass of its own, which knows the bins beyond BASE only; 0 where there are none.
@@ -210,10 +210,28 @@ static int copy_rest(struct spend *s, struct gd_err *err)
 	return rc;
 }
 
+static int add_samples(struct spend *s, struct gd_err *err)
+{
+	static const char *const name[] = { "half0.samples", "half1.samples", "samples" };
+	int rc = GD_OK;
+
+	for (int i = 0; i < 3 && rc == GD_OK; i++) {
+		struct gd_plane p;
+
+		rc = gd_image_add(&s->out, name[i], &p, err);
+		for (int y = 0; y < s->in->h && rc == GD_OK; y++)
+			for (int x = 0; x < s->in->w; x++) {
+				int n = at(s, x, y);
+
+				gd_row(p, y)[x] = (float)(s->spp * (i < 2 ? (n + 1 - i) / 2 : n));
+			}
+	}
+	return rc;
+}
+
 static int spend(struct spend *s, struct gd_err *err)
 {
 	static const char *const layers[] = { "", "dx", "dy" };
-	struct gd_plane samples;
 	int rc = GD_OK;
 
 	for (int k = 0; k < 3 && rc == GD_OK; k++)
@@ -222,10 +240,7 @@ static int spend(struct spend *s, struct gd_err *err)
 	if (rc == GD_OK)
 		rc = copy_rest(s, err);
 	if (rc == GD_OK)
-		rc = gd_image_add(&s->out, "samples", &samples, err);
-	for (int y = 0; y < s->in->h && rc == GD_OK; y++)
-		for (int x = 0; x < s->in->w; x++)
-			gd_row(samples, y)[x] = (float)(s->spp * at(s, x, y));
+		rc = add_samples(s, err);
 	return rc == GD_OK ? gd_attr_set_int(&s->out, "gd:bins", s->apart ? s->apart : 2, err) : rc;
 }
 
