@@ -125,6 +125,7 @@ refused() {
 			# shellcheck disable=SC2086
 			"$gdlwr" $o -j "$j" <in.exr | sed 's/-j [127]/-j N/' >"out$j.exr"
 		done
+		[ "$(val out1.exr B 3 3)" != "" ]
 		cmp out1.exr out2.exr
 		cmp out1.exr out7.exr
 	done
