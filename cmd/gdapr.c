@@ -12,7 +12,7 @@ struct options {
 	struct gd_list neighbours;
 };
 
-/* Settings of a single regression: those of the method, unless given; any that is given asks for one. */
+/* Of a single regression: the method's own settings, unless given; any given asks for one. */
 static int settle(struct gd_denoise_conf *conf, const struct options *opt, struct gd_err *err)
 {
 	struct gd_apr_conf own = GD_APR_DEFAULTS, paper = GD_APR_PAPER;
@@ -27,9 +27,8 @@ static int settle(struct gd_denoise_conf *conf, const struct options *opt, struc
 			err, GD_EARG,
 			"--fast is for cross-fitting: it does not go with a single regression");
 	if (conf->method == GD_DENOISE_SINGLE && opt->neighbours.n)
-		return gd_fail(
-			err, GD_EARG,
-			"--neighbours is for cross-fitting: it does not go with a single regression");
+		return gd_fail(err, GD_EARG, "--neighbours is for cross-fitting: it does not go "
+			       "with a single regression");
 	if (opt->neighbours.n > GD_CROSSFIT_FRAMES)
 		return gd_fail(err, GD_EARG, "--neighbours: %d files, at most %d",
 			       opt->neighbours.n, GD_CROSSFIT_FRAMES);

@@ -141,7 +141,7 @@ int main(int argc, char **argv)
 		GD_FLAG(0, "state", &opt.state,
 			"first frame of a sequence: write the state for the next, too"),
 		GD_OPT(0, "previous", "FILE", &opt.previous,
-		       "frame of a sequence: go on from the state in the result of the frame before"),
+		       "later frame of a sequence: FILE is the result of the one before"),
 		GD_NUM(0, "forget", "FACTOR", &conf.time.forget, 0.5, 1,
 		       "what a frame counts one frame later"),
 		GD_FLAG(0, "no-filter", &conf.no_filter, "take noisy features as they are"),

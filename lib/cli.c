@@ -482,9 +482,10 @@ static void hold_standard_files(void)
 }
 
 /*
- * Threads that wait for each other sleep rather than spin, unless the user wants it otherwise: on a machine
- * with other work, spinning takes from the very thread that is waited for (measured: a solve of 0.4 s took 11 s).
- * The OpenMP library reads that wish once, before main: so the program starts itself again, in a millisecond.
+ * Threads that wait for each other sleep rather than spin, unless the user wants it otherwise: on a
+ * machine with other work, spinning takes from the very thread that is waited for (measured: a
+ * solve of 0.4 s took 11 s). The OpenMP library reads that wish once, before main: so the program
+ * starts itself again, in a millisecond.
  */
 static void wait_asleep(char **argv)
 {
@@ -635,7 +636,7 @@ static int save_stats(struct gd_cli *cli, int status, const char *message)
 static void release(struct gd_cli *cli)
 {
 	for (const struct gd_opt *o = cli->cmd->opts; o && o->name; o++)
-		if (o->kind == GD_OPT_LIST) {
+		if (o->kind == GD_OPT_LIST || o->kind == GD_OPT_WORDS) {
 			struct gd_list *list = o->target;
 
 			free(list->v);

@@ -189,7 +189,8 @@ int gd_denoise_choose(struct denoise_job *job, struct gd_err *err)
 /* A layer has as many planes as in the frame to denoise. */
 static int alike(const struct denoise_job *job, const char *layer, struct gd_err *err)
 {
-	const int n = gd_layer_find(job->im, layer).n, want = gd_layer_find(job->like->im, layer).n;
+	const int n = gd_layer_find(job->im, layer).n;
+	const int want = gd_layer_find(job->like->im, layer).n;
 
 	if (n == want)
 		return GD_OK;

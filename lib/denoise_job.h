@@ -85,7 +85,7 @@ int gd_denoise_position(struct denoise_job *job, size_t *mended, struct gd_err *
 
 /*
  * Mends, filters and fills in the neighbours of a frame; in is that frame's, after
- * gd_denoise_halves(), and points to them until they are freed. gd_denoise_frames_free() takes NULL.
+ * gd_denoise_halves(), and points to them until they are freed. The latter takes NULL.
  */
 struct denoise_frames;
 int gd_denoise_frames(struct denoise_frames **frames, struct denoise_job *job,

@@ -3,9 +3,9 @@
  * A synthetic gd buffer: a smooth image with edges, its gradients, features and bins of noise.
  *	mkgd OUT.exr WIDTH HEIGHT [NAME=VALUE ...] [CASE ...]
  * bins=8 (0: variances without bins), seed=1, scale=1 (of radiance), type=float or half,
- * turn=x, y (mirrored) or t (transposed: WIDTH and HEIGHT are those of the result), drop=PREFIX (channels to
- * leave out), position=1 (world positions, too; of the cases those after it spoil them, too). Noise is a
- * function of seed, channel, bin and the pixel before turning.
+ * turn=x, y (mirrored) or t (transposed: WIDTH and HEIGHT are those of the result), drop=PREFIX
+ * (channels to leave out), position=1 (world positions, too; of the cases those after it spoil
+ * them, too). Noise is a function of seed, channel, bin and the pixel before turning.
  * Cases: see spoil().
  */
 #include <math.h>
@@ -222,7 +222,8 @@ static double offset(double v, int x, int y, int w, int h)
 	return v + 1e8;
 }
 
-static double wide_offset(double v, int x, int y, int w, int h)	/* a thousandth of it varies */
+/* A thousandth of it varies. */
+static double wide_offset(double v, int x, int y, int w, int h)
 {
 	(void)x; (void)y; (void)w; (void)h;
 	return 1e8 + 1e5 * v;
@@ -342,7 +343,7 @@ static int add_position(struct gd_image *im, struct gd_err *err)
 	return rc;
 }
 
-/* Rounds to the nearest half; too large is infinite, below the smallest normal it is steps of 2^-24. */
+/* Rounds to the nearest half; too large is infinite, below the least normal: steps of 2^-24. */
 static uint16_t to_half(float v)
 {
 	const uint16_t sign = signbit(v) ? 0x8000 : 0;

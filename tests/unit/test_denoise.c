@@ -350,7 +350,8 @@ static void test_linear(void **state)
 		assert_true(result.share > 0 && result.share <= 1);
 		assert_true(fabs(result.share - mean_of(plane(&im, "model.centre"))) < 1e-6);
 		assert_true(result.mean_radius > 0 && result.mean_radius <= conf.lwr.radius);
-		assert_true(fabs(result.mean_features - mean_of(plane(&im, "model.features"))) < 1e-3);
+		assert_true(fabs(result.mean_features -
+				 mean_of(plane(&im, "model.features"))) < 1e-3);
 		assert_finite(&im);
 		gd_image_free(&im);
 	}
