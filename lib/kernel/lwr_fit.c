@@ -243,7 +243,7 @@ static void compare(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int r)
 	for (int c = 0; c < p->nc; c++)
 		cost += t->scale[c] * t->acc[c];
 	cost *= over;
-	better = r == 1 ? (mask){ 0 } == 0 : cost < t->least;
+	better = r == 1 || r <= p->radius_min ? (mask){ 0 } == 0 : cost < t->least;
 	for (int l = 0; l < LANES; l++) {
 		better[l] = t->done[l] ? 0 : better[l];
 		any |= better[l] != 0;
