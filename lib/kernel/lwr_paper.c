@@ -335,6 +335,8 @@ static void fit_lane(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int l)
 	}
 	if (p->nvar)
 		keep(p, t, l, NULL, b, 0, xi, cost);
+	if (p->nvar && first == 1)
+		rings = 0;	/* an image of one pixel */
 	for (int r = 1; r <= rings; r++) {
 		const double *m = t->rings + (size_t)(r - 1) * gd_lwr_ring_size(p);
 
@@ -363,7 +365,8 @@ static void fit_lane(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int l)
 			xi[c] = acc[c] / weight;
 			cost += scale[c] * xi[c];
 		}
-		if ((r == 1 && !p->nvar) || r <= p->radius_min || cost < t->least[l])
+		if ((r == 1 && !p->nvar) || (r > 1 && r <= p->radius_min) ||
+		    cost < t->least[l])
 			keep(p, t, l, &o, b, r, xi, cost);
 	}
 	if (p->ny > p->nc)
