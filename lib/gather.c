@@ -9,20 +9,21 @@
 #include "camera.h"
 #include "halves.h"
 
-#define SIDE	7	/* of the windows in which frames are compared, pixels */
-#define SMOOTH	7	/* of the windows over which noise is averaged */
+#define SIDE	7
+#define SMOOTH	7
 #define NOISE	2.5	/* of neighbouring pixels hangs together: times the variance of a mean */
 #define PIXELS	15.0	/* whose noise a regression averages at least */
+#define DETAIL	2.0	/* times their noise are squares of differences, where heavy tails are */
 #define DARK	0.3	/* of the image's level: below it, differences count as they are */
 #define ROUNDING 1e-8	/* squared: light that differs by 1e-4 is the same */
 #define NEAR	2.0	/* pixels' sizes between points that are the same surface */
 #define LENS	2.0	/* pixels off: projection does not tell where points are */
 
-enum { U = 0, V = 3, D = 6, E = 9, COVER = 12, SPARE, WEIGHT, PLANES };
+enum { U = 0, V = 3, D = 6, E = 9, Q = 12, COVER = 15, SPARE, WEIGHT, PLANES };
 
 /*
- * Work space. u, v: the frame's logarithms and their variances in a pixel; d, e: difference to, and
- * variance with, another frame; cover: 1 where that shows the same surface.
+ * Work space. u, v: the frame's logarithms and their variances in a pixel; d, q, e: difference to
+ * another frame, its square, the variance of that one; cover: 1 where it shows the same surface.
  */
 struct work {
 	struct gd_plane plane[PLANES];
@@ -171,7 +172,7 @@ static int prepare(struct work *w, const struct gd_crossfit_in *in, struct gd_er
 	return rc == GD_OK ? gd_halves_smooth(w->plane + V, 3, w->plane[SPARE], SMOOTH, err) : rc;
 }
 
-/* Difference to another frame and both variances, 0 where that does not show the surface. */
+/* Difference to another frame, and its variance; 0 where that does not show the surface. */
 static int compare(struct work *w, const struct gd_crossfit_in *in,
 		   const struct gd_crossfit_frame *frame, struct gd_err *err)
 {
@@ -193,10 +194,13 @@ static int compare(struct work *w, const struct gd_crossfit_in *in,
 					u -= (double)gd_row(w->plane[U + c], y)[x];
 				}
 				gd_row(diff, y)[x] = (float)u;
+				gd_row(w->plane[Q + c], y)[x] = (float)(u * u);
 				gd_row(var, y)[x] = gd_halves_square(v);
 			}
 	}
 	rc = gd_halves_smooth(w->plane + E, 3, w->plane[SPARE], SMOOTH, err);
+	if (rc == GD_OK)
+		rc = gd_halves_smooth(w->plane + Q, 3, w->plane[SPARE], SIDE, err);
 	return rc == GD_OK ? gd_halves_smooth(w->plane + D, 3, w->plane[SPARE], SIDE, err) : rc;
 }
 
@@ -210,7 +214,11 @@ static double bias2(const struct work *w, int x, int y, double n)
 		double v = (double)gd_row(w->plane[E + c], y)[x] / n +
 			   (double)gd_row(w->plane[V + c], y)[x];
 
-		sum += fmax(0, d * d - NOISE * v / (SIDE * SIDE * n));
+		double q = (double)gd_row(w->plane[Q + c], y)[x] / n;
+
+		d = d * d - NOISE * v / (SIDE * SIDE * n);
+		q -= DETAIL * v;
+		sum += fmax(0, fmax(d, q));
 	}
 	return sum;
 }

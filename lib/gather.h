@@ -9,9 +9,9 @@
  * here: a regression in 3-D windows costs no more than one in the frame alone, and pilots, features
  * and error estimates gain from all frames, too.
  *
- * The weight: with u = log(1 + y / (0.3 level)), d the mean over 7x7 pixels of the difference of u
- * between the frames, and v the variance of that mean that the halves predict,
- *	w = s / (s + max(0, d^2 - 2.5 v)),	s = variance of u in a pixel / 15,
+ * The weight: with u = log(1 + y / (0.3 level)), d and q the means over 7x7 pixels of the difference
+ * of u between the frames and of its square, and v the variance of a difference that halves predict,
+ *	w = s / (s + max(0, d^2 - 2.5 v / 49, q - 2 v)),	s = variance of u in a pixel / 15,
  * summed over channels and smoothed over 3x3: what a pixel of a bias d weighs beside one without,
  * if 15 pixels' noise is averaged anyway. In the logarithm a firefly is one bright pixel of 49, and
  * a shadow is not hidden by it. w looks at either frame alike, so that it takes no side in their
@@ -27,7 +27,7 @@
  * mean's noise), in place, and count the samples behind them: planes of `count`, which are to be
  * freed by gd_halves_free(count, 2). in->frame is read only, and not needed any more. Does nothing
  * without frames. Call gd_halves_check() and gd_halves_cut() before.
- * Needs 20 planes while it runs. Returns GD_OK, GD_ENOMEM; independent of the number of threads.
+ * Needs 18 planes while it runs. Returns GD_OK, GD_ENOMEM; independent of the number of threads.
  */
 int gd_gather(struct gd_crossfit_in *in, struct gd_plane count[2], const struct gd_report *report,
 	      struct gd_err *err);

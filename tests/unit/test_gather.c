@@ -389,7 +389,7 @@ static double direct_weight(const struct job *j, double dark, int x, int y)
 	int n = 0;
 
 	for (int c = 0; c < 3; c++) {
-		double d = 0, v = 0, own = 0;
+		double d = 0, q = 0, v = 0, own = 0;
 
 		n = 0;
 		for (int b = -3; b <= 3; b++)
@@ -404,13 +404,16 @@ static double direct_weight(const struct job *j, double dark, int x, int y)
 					for (int f = 0; f < 2; f++)
 						u[f][h] = log(1 + fmax(u[f][h], 0) / dark);
 				}
-				d += (u[1][0] + u[1][1] - u[0][0] - u[0][1]) / 2;
+				sum = (u[1][0] + u[1][1] - u[0][0] - u[0][1]) / 2;
+				d += sum;
+				q += sum * sum;
 				own += pow(u[0][0] - u[0][1], 2) / 4;
 				v += pow(u[1][0] - u[1][1], 2) / 4;
 				n++;
 			}
 		sum = d / n;
-		bias += fmax(0, sum * sum - 2.5 * (v + own) / n / 49);
+		bias += fmax(fmax(0, sum * sum - 2.5 * (v + own) / n / 49),
+			     q / n - 2 * (v + own) / n);
 		noise += own / n / 15;
 	}
 	return noise / (noise + bias);
