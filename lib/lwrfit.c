@@ -9,12 +9,16 @@
 #define BIAS_SELF	6.0	/* squared error per variance of the predictions, where no halves tell
 				 * what noise does */
 
+_Static_assert(GD_APR_RHS <= GD_LWR_RHS && GD_CROSSFIT_FEATURES + 4 <= GD_LWR_FEATURES,
+	       "what gd_halves_check() lets pass fits into a model");
+
 /*
- * Work space. other: the second half's estimate. fit: a half's estimates as the engine gives them;
- * with `whole` those of the half's colour come first. pilot, var: where there is no feature.
+ * Work space. other, spread, map: of the second half, for which the first has the output. fit: of a
+ * half's colour, where `whole` is what is wanted. pilot: where there is no feature; its variances
+ * are in the planes that the half's spread then takes.
  */
 struct work {
-	struct gd_plane other[GD_LWR_RHS], fit[3], spread[3], map[3], pilot[3], var[3], weight;
+	struct gd_plane other[GD_LWR_RHS], spread[3], map[3], fit[3], pilot[3], weight;
 	struct gd_pilot_features scaled;
 };
 
@@ -24,15 +28,12 @@ static bool needs_pilot(const struct gd_crossfit_in *in)
 	return in->nfeature < 3;
 }
 
+/* With layers of all samples the half's colour is fitted, too: it chooses the windows. */
 static int check(const struct gd_crossfit_in *in, struct gd_err *err)
 {
-	int planes = in->ny > in->nwhole + 3 ? in->ny : in->nwhole + 3;
-	int features = in->nfeat + in->nfeature + (needs_pilot(in) ? 3 : 0);
-
-	if (planes > GD_LWR_RHS)
-		return gd_fail(err, GD_EARG, "lwr: more than %d channels to denoise", GD_LWR_RHS - 3);
-	if (features > GD_LWR_FEATURES)
-		return gd_fail(err, GD_EARG, "lwr: more than %d feature planes", GD_LWR_FEATURES);
+	if (in->nwhole > GD_LWR_RHS - 3)
+		return gd_fail(err, GD_EARG, "%d planes of all samples, at most %d", in->nwhole,
+			       GD_LWR_RHS - 3);
 	return GD_OK;
 }
 
@@ -54,33 +55,38 @@ static int new_work(struct work *w, const struct gd_lwrfit_model *model,
 		rc = gd_halves_planes(w->fit, 3, like, err);
 	if (rc == GD_OK && needs_pilot(in))
 		rc = gd_halves_planes(w->pilot, 3, like, err);
-	if (rc == GD_OK && needs_pilot(in))
-		rc = gd_halves_planes(w->var, 3, like, err);
 	return rc;
 }
 
 static void free_work(struct work *w)
 {
 	gd_halves_free(w->other, GD_LWR_RHS);
-	gd_halves_free(w->fit, 3);
 	gd_halves_free(w->spread, 3);
 	gd_halves_free(w->map, 3);
+	gd_halves_free(w->fit, 3);
 	gd_halves_free(w->pilot, 3);
-	gd_halves_free(w->var, 3);
 	gd_halves_free(&w->weight, 1);
 }
 
-/* What a half leans on beside G-buffers: three planes or more, made of the other half. */
+/* What a half leans on beside G-buffers: n planes by, made of the other half, three at least. */
 static int explain(const struct gd_plane **by, int *n, struct work *w, struct gd_crossfit_in *in,
-		   int half, struct gd_err *err)
+		   int half, struct gd_plane var[3], struct gd_err *err)
 {
 	static const struct gd_nlr_conf narrow = GD_PILOT_NARROW;
-	int other = gd_halves_other(in, half);
+	int other = gd_halves_other(in, half), rc = GD_OK;
 
-	*by = needs_pilot(in) ? w->pilot : in->feature[other];
-	*n = needs_pilot(in) ? 3 : in->nfeature;
-	return needs_pilot(in) ? gd_pilot_make(w->pilot, in, other, &w->scaled, &narrow, w->var,
-					       w->weight, err) : GD_OK;
+	*by = in->feature[other];
+	*n = in->nfeature;
+	if (needs_pilot(in)) {
+		*by = w->pilot;
+		*n = 3;
+		rc = gd_pilot_make(w->pilot, in, other, &w->scaled, &narrow, var, w->weight, err);
+	}
+	if (rc == GD_OK)
+		rc = gd_halves_weight(w->weight, *by, err);
+	if (rc == GD_OK)
+		gd_halves_weigh_count(w->weight, in, half);
+	return rc;
 }
 
 static int fit_half(const struct gd_plane *est, struct gd_plane *spread,
@@ -93,10 +99,8 @@ static int fit_half(const struct gd_plane *est, struct gd_plane *spread,
 	struct gd_lwr_out out = { .est = to, .spread = spread, .radius = model->radius,
 				  .features = model->features, .centre = model->centre };
 	const struct gd_plane *by;
-	int n, rc = explain(&by, &n, w, in, half, err);
+	int n, rc = explain(&by, &n, w, in, half, spread, err);
 
-	if (rc == GD_OK)
-		rc = gd_halves_weight(w->weight, by, err);
 	if (rc != GD_OK)
 		return rc;
 	for (int c = 0; c < 3 && in->nwhole; c++) {
@@ -110,7 +114,8 @@ static int fit_half(const struct gd_plane *est, struct gd_plane *spread,
 	for (int a = 0; a < in->nfeat; a++)
 		feat[lwr.nfeat++] = in->feat[a];
 	for (int c = 0; c < n; c++)
-		feat[lwr.nfeat++] = by[c];
+		if (!gd_halves_constant(by[c]))
+			feat[lwr.nfeat++] = by[c];
 	if (in->self)
 		lwr.var = in->var;
 	else

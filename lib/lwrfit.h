@@ -22,8 +22,15 @@ struct gd_lwrfit_result {
 };
 
 /*
- * in, out: as for gd_crossfit_run(). Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. The result does
- * not depend on the number of threads.
+ * in, out: as for gd_crossfit_run(), but for this: other frames are not looked at (temporal.h is
+ * for what follows); at most 61 planes of whole; a feature has three planes or four, the first
+ * three of which weigh the pixels, or it is left aside for the narrow pilot of either half.
+ * out->spread is that of the predictions that cover a pixel, mean square over the halves.
+ *
+ * Needs 4 bytes a pixel for each plane estimated and each map of the model, 16 more, 12 for a pilot,
+ * 12 with whole, and what gd_lwr_fit() takes. Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. The
+ * result does not depend on the number of threads; with the halves swapped it is the same to
+ * rounding.
  */
 int gd_lwrfit_run(const struct gd_crossfit_out *out, const struct gd_lwrfit_model *model,
 		  struct gd_crossfit_in *in, const struct gd_lwr_conf *conf,
