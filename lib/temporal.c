@@ -8,7 +8,7 @@
 static const float most = FLT_MAX / 1e4f;	/* brighter pixels are cut to that */
 static const double paper_delta = 1e-3;	/* 1 / first variance, of both coefficients */
 static const double cap = 2e3;		/* most that variances may be, in those of one frame's */
-static const double slope_prior = 0.005; /* of the colour, per frame: how light usually changes */
+static const double slope_prior = 0.003; /* of the colour, per frame: how light usually changes */
 
 static const char *const channel[GD_TEMPORAL_PLANES] = {
 	"state.value.R", "state.value.G", "state.value.B",

@@ -17,6 +17,7 @@
 
 /* A change of all light counts as far as it is beyond this many standard deviations, squared. */
 static const double sure = 40;
+static const int least = 16;	/* blocks that must be there to tell */
 /*
  * Windows in which a pixel's squared misfit is held against what errors explain: the small one sees
  * an edge go by, the large one a change of shading. The past counts less from so many times the
@@ -24,7 +25,9 @@ static const double sure = 40;
  * less error where things move.
  */
 static const int side[SCALES] = { 5, 17 };
-static const double chance[SCALES] = { 3, 1.15 };
+static const double chance[SCALES] = { 3, 1.2 };
+/* Most that a pixel's squared misfit counts, over what errors explain: in a large window none rules. */
+static const double clip[SCALES] = { 1e4, 100 };
 /* Errors may be estimated this much too high or too low all over the image. */
 static const double low = 0.5, high = 3;
 
@@ -66,12 +69,14 @@ static struct block sum_block(const struct gd_temporal_work *k, int bx, int by)
 static double find_gain(const struct block *b, int n, int c)
 {
 	double told = 0, seen = 0, scatter = 0, gain, off2;
+	int used = 0;
 
 	for (int i = 0; i < n; i++) {
 		told += b[i].told[c];
 		seen += b[i].seen[c];
+		used += b[i].told[c] > 0;
 	}
-	if (!(told > 0 && seen > 0))
+	if (!(told > 0 && seen > 0) || used < least)
 		return 1;
 	gain = seen / told;
 	for (int i = 0; i < n; i++) {
@@ -120,7 +125,7 @@ int gd_temporal_light(struct gd_temporal_work *k, struct gd_err *err)
 
 /* Squared misfit, and the square that errors explain, both in squares of the brightness. */
 static void misfit(const struct gd_temporal_work *k, struct gd_plane seen, struct gd_plane may,
-		   double forget)
+		   double forget, double times)
 {
 	static const float black[3];
 
@@ -134,7 +139,7 @@ static void misfit(const struct gd_temporal_work *k, struct gd_plane seen, struc
 			const double unit = s2 + (double)gd_temporal_distance2(m->v, black) / 3;
 			const bool is = m->frames > 0 && unit > 0;
 
-			gd_row(seen, y)[x] = is ? (float)fmin(e2 / unit, 1e6) : 0;
+			gd_row(seen, y)[x] = is ? (float)(fmin(e2, times * s2) / unit) : 0;
 			gd_row(may, y)[x] = is ? (float)(s2 / unit) : 0;
 		}
 }
@@ -178,7 +183,7 @@ int gd_temporal_change(struct gd_temporal_work *k, double forget, struct gd_err 
 		const struct gd_plane work = gd_plane_of(block + 2 * plane, k->w, k->h);
 		const struct gd_blur blur = gd_blur_box(side[l]);
 
-		misfit(k, seen, may, forget);
+		misfit(k, seen, may, forget, unit * clip[l]);
 		rc = gd_blur_plane(seen, work, &blur, err);
 		if (rc == GD_OK)
 			rc = gd_blur_plane(may, work, &blur, err);

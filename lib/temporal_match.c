@@ -87,15 +87,21 @@ static void smooth(const struct gd_plane position[3], int x, int y, float mean[3
 		mean[c] = (float)(sum[c] / n);
 }
 
-/* Squared distance of pixels two apart, as of one apart: noise hardly shows in it. */
+/*
+ * Squared distance of neighbouring pixels, from pixels two apart: noise hardly shows in it. As far
+ * as can be told; in a corner of the image it cannot.
+ */
 static float spread2(const struct gd_plane position[3], int x, int y)
 {
 	float a[3], b[3], sum = 0;
+	int axes = 0;
 
 	for (int axis = 0; axis < 2; axis++)
-		if (beside(position, x, y, axis, a, b))
+		if (beside(position, x, y, axis, a, b)) {
 			sum += gd_temporal_distance2(a, b) / 4;
-	return sum;
+			axes++;
+		}
+	return axes ? sum * 2 / (float)axes : FLT_MAX;
 }
 
 /*
