@@ -16,10 +16,12 @@ static int compare(const void *a, const void *b)
 	return (x > y) - (x < y);
 }
 
-/* The k-th of SAMPLES places spread evenly over n pixels, first and last included. */
+/* The k-th of SAMPLES places spread evenly over n pixels, symmetric, first and last included. */
 static int sample_at(int k, int n)
 {
-	return (int)((long)k * (n - 1) / (SAMPLES - 1));
+	if (2 * k < SAMPLES)
+		return (int)((long)k * (n - 1) / (SAMPLES - 1));
+	return n - 1 - sample_at(SAMPLES - 1 - k, n);
 }
 
 /*

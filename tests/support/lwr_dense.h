@@ -113,6 +113,12 @@ static inline int ascending(const void *a, const void *b)
 	       (*(const double *)a < *(const double *)b);
 }
 
+/* The i-th of 64 places spread over n pixels, the second half a mirror image of the first. */
+static inline int place(int i, int n)
+{
+	return i < 32 ? i * (n - 1) / 63 : n - 1 - (63 - i) * (n - 1) / 63;
+}
+
 /* 1 % of the squared level, the mean over the middle half of 64 rows' means of 64 magnitudes. */
 static inline double level2(const struct scene *s)
 {
@@ -122,8 +128,8 @@ static inline double level2(const struct scene *s)
 		double row[64] = { 0 };
 
 		for (int i = 0; i < 64 * 64; i++)
-			row[i / 64] += fabs((double)gd_row(s->y[c], i / 64 * (s->h - 1) / 63)
-						[i % 64 * (s->w - 1) / 63]) / 64;
+			row[i / 64] += fabs((double)gd_row(s->y[c], place(i / 64, s->h))
+						[place(i % 64, s->w)]) / 64;
 		qsort(row, 64, sizeof *row, ascending);
 		for (int i = 16; i < 48; i++)
 			sum += row[i] / 32 / s->nc;
@@ -138,7 +144,7 @@ static inline void spread(struct gd_plane f, double *range, double *floor)
 	int n = 0;
 
 	for (int i = 0; i < 64 * 64; i++)
-		v[i] = (double)gd_row(f, i / 64 * (f.h - 1) / 63)[i % 64 * (f.w - 1) / 63];
+		v[i] = (double)gd_row(f, place(i / 64, f.h))[place(i % 64, f.w)];
 	qsort(v, 64 * 64, sizeof *v, ascending);
 	*range = v[64 * 64 - 1 - 20] - v[20];
 	for (int i = 0; i < 64 * 64; i++)
