@@ -263,3 +263,9 @@ pan() {
 	run -2 --separate-stderr bash -c "'$gdapr' -o out.exr --neighbours - <in.exr"
 	[ "$stderr" = "gdapr: --neighbours -: standard input is the frame to denoise" ]
 }
+
+@test "the manual lists the options in the order of -h" {
+	"$gdapr" -h | sed -nE 's/^  (-[a-zA-Z], |    )--([a-z0-9-]+).*/\2/p' >help
+	sed -nE 's/^\.It (.*[ ,])?-([a-z-]{2,}).*/\2/p' "$top/man/gdapr.1" >manual
+	diff help manual
+}

@@ -246,3 +246,9 @@ refused() {
 		done
 	done
 }
+
+@test "the manual lists the options in the order of -h" {
+	"$gdlwr" -h | sed -nE 's/^  (-[a-zA-Z], |    )--([a-z0-9-]+).*/\2/p' >help
+	sed -nE 's/^\.It (.*[ ,])?-([a-z-]{2,}).*/\2/p' "$top/man/gdlwr.1" >manual
+	diff help manual
+}
