@@ -13,7 +13,7 @@ struct options {
 	const char *previous;
 };
 
-/* The published method has settings of its own; windows of the least radius leave no gaps. */
+/* The published method has settings of its own; a grid wider than the windows leaves gaps. */
 static void settle_models(struct gd_lwr_conf *lwr, const struct options *opt)
 {
 	if (opt->paper) {
@@ -27,7 +27,7 @@ static void settle_models(struct gd_lwr_conf *lwr, const struct options *opt)
 		lwr->granularity = opt->granularity;
 }
 
-/* A granularity has to leave no gap. */
+/* What was asked for, or why it cannot be. */
 static int settle(struct gd_denoise_conf *conf, const struct options *opt, const struct gd_cli *cli,
 		  struct gd_err *err)
 {

@@ -217,10 +217,9 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 pan() {
 	local b at="(\$x + 2 * $1)" parts=()
 	for b in 0 1; do
-		parts+=("bin$b.R=my \$n = sin(\$x * 12.9 + \$y * 78.2 + $1 * 3.7 + $b) * 437.5; \$n -= int \$n; 1 + int($at / 8) % 2 + 0.5 * \$n"
-			bin$b.G=1 bin$b.B=0.5)
+		parts+=("bin$b.R=1 + int($at / 8) % 2 + 0.3 * noise()" bin$b.G="1 + 0.2 * noise()" bin$b.B="0.5 + 0.1 * noise()")
 	done
-	"$support/mkexr.pl" "$2" 48 24 "${parts[@]}" R="1 + int($at / 8) % 2" G=1 B=0.5 Z="int($at / 8) % 2" \
+	"$support/mkexr.pl" "$2" 48 24 -s $1 "${parts[@]}" R="1 + int($at / 8) % 2" G=1 B=0.5 Z="int($at / 8) % 2" \
 		P.X="$at" P.Y='$y' P.Z=1 unused.R=1 unused.G=1 unused.B=1
 }
 
