@@ -33,6 +33,12 @@ struct work {
 	bool lens, project;	/* own is known; and so is other */
 };
 
+/* Where pixel x, y is in the other frame. */
+static int *pixel_at(const struct work *w, int x, int y)
+{
+	return w->at + (size_t)y * (size_t)w->plane[COVER].w + (size_t)x;
+}
+
 /* ---- where a pixel is in another frame ---- */
 
 static bool missed(const struct gd_plane *p, int x, int y)
@@ -116,7 +122,7 @@ static void find(struct work *w, const struct gd_crossfit_in *in,
 				same = missed(here, x, y) == missed(there, u, v) &&
 				       apart(here, x, y, there, u, v) <=
 					       NEAR * footprint(here, x, y);
-			w->at[(size_t)y * (size_t)cover.w + (size_t)x] = same ? v * cover.w + u : -1;
+			*pixel_at(w, x, y) = same ? v * cover.w + u : -1;
 			gd_row(cover, y)[x] = same;
 		}
 }
@@ -185,7 +191,7 @@ static int compare(struct work *w, const struct gd_crossfit_in *in,
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < diff.h; y++)
 			for (int x = 0; x < width; x++) {
-				int at = w->at[(size_t)y * (size_t)width + (size_t)x];
+				int at = *pixel_at(w, x, y);
 				double u = 0, v = 0;
 
 				if (at >= 0) {
@@ -234,7 +240,7 @@ static int weigh(struct work *w, struct gd_err *err)
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < to.h; y++)
 		for (int x = 0; x < to.w; x++) {
-			bool there = w->at[(size_t)y * (size_t)to.w + (size_t)x] >= 0;
+			bool there = *pixel_at(w, x, y) >= 0;
 			double noise = ROUNDING, bias = 0;
 
 			for (int c = 0; c < 3; c++)
@@ -302,7 +308,7 @@ static void take_frame(struct gd_crossfit_in *in, const struct gd_crossfit_frame
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < weight.h; y++)
 		for (int x = 0; x < weight.w; x++) {
-			int at = w->at[(size_t)y * (size_t)weight.w + (size_t)x];
+			int at = *pixel_at(w, x, y);
 
 			if (at >= 0)
 				take(in, f, count, (double)gd_row(weight, y)[x], x, y,

@@ -9,10 +9,10 @@
  * here: a regression in 3-D windows costs no more than one in the frame alone, and pilots, features
  * and error estimates gain from all frames, too.
  *
- * The weight: with u = log(1 + y / (0.3 level)), d and q the means over 7x7 pixels of the difference
- * of u between the frames and of its square, and v the variance of a difference that halves predict,
+ * The weight: with u = log(1 + y / (0.3 level)), d and q the means over 7x7 pixels of the
+ * difference of u between the frames and of its square, v the variance that the halves predict it,
  *	w = s / (s + max(0, d^2 - 2.5 v / 49, q - 2 v)),	s = variance of u in a pixel / 15,
- * summed over channels and smoothed over 3x3: what a pixel of a bias d weighs beside one without,
+ * summed over channels, smoothed over 3x3: what a pixel with a bias d weighs beside one without,
  * if 15 pixels' noise is averaged anyway. In the logarithm a firefly is one bright pixel of 49, and
  * a shadow is not hidden by it. w looks at either frame alike, so that it takes no side in their
  * noise.

@@ -137,20 +137,37 @@ static void scale_plane(struct gd_plane p, double minus, double times)
 							  times);
 }
 
-/* Row y of p with each pixel cut to the range of its neighbours; up, down: the rows beside it. */
+/* As fminf() and fmaxf() of finite values, which are calls. */
+static inline float least(float a, float b)
+{
+	return a < b ? a : b;
+}
+
+static inline float most(float a, float b)
+{
+	return a > b ? a : b;
+}
+
+/* Pixel x cut to the range of its neighbours a (before), b (after) and those above and below. */
+static inline float calm_pixel(const float *up, const float *row, const float *down, int a, int x,
+			       int b)
+{
+	float low = least(least(least(up[a], up[x]), least(up[b], row[a])),
+			  least(least(down[a], down[x]), least(down[b], row[b])));
+	float high = most(most(most(up[a], up[x]), most(up[b], row[a])),
+			  most(most(down[a], down[x]), most(down[b], row[b])));
+
+	return least(most(row[x], low), high);
+}
+
+/* A row with each pixel cut to the range of its neighbours; up, down: the rows beside it. */
 static void calm_row(float *restrict to, const float *restrict up, const float *restrict row,
 		     const float *restrict down, int w)
 {
-	for (int x = 0; x < w; x++) {
-		int a = x > 0 ? x - 1 : x + 1, b = x + 1 < w ? x + 1 : x - 1;
-		float low = fminf(row[a], row[b]), high = fmaxf(row[a], row[b]);
-
-		for (int k = x > 0 ? x - 1 : x; k <= x + 1 && k < w; k++) {
-			low = fminf(low, fminf(up[k], down[k]));
-			high = fmaxf(high, fmaxf(up[k], down[k]));
-		}
-		to[x] = fminf(fmaxf(row[x], low), high);
-	}
+	to[0] = calm_pixel(up, row, down, 1, 0, 1);
+	for (int x = 1; x < w - 1; x++)
+		to[x] = calm_pixel(up, row, down, x - 1, x, x + 1);
+	to[w - 1] = calm_pixel(up, row, down, w - 2, w - 1, w - 2);
 }
 
 /* The same for a whole plane, in place. */
@@ -164,6 +181,7 @@ static void calm(struct gd_plane p, struct gd_plane spare)
 
 		calm_row(gd_row(spare, y), gd_row(p, up), gd_row(p, y), gd_row(p, down), p.w);
 	}
+#pragma omp parallel for schedule(static)
 	for (int y = 0; y < p.h; y++)
 		memcpy(gd_row(p, y), gd_row(spare, y), (size_t)p.w * sizeof(float));
 }
@@ -385,6 +403,7 @@ void gd_halves_add(const struct gd_plane *mean, const struct gd_plane *square,
 static double total(const struct gd_crossfit_in *in, int half, bool *negative)
 {
 	const struct gd_plane *rgb = in->y[half];
+	const bool local = in->count[0].v && !in->self;
 	double sum = 0;
 
 	for (int c = 0; c < 3; c++)
@@ -394,12 +413,12 @@ static double total(const struct gd_crossfit_in *in, int half, bool *negative)
 			for (int x = 0; x < rgb[c].w; x++) {
 				double v = (double)gd_row(rgb[c], y)[x];
 
-				row += in->count[0].v && !in->self ? gd_halves_share(in, half, x, y) * v : v;
+				row += local ? gd_halves_share(in, half, x, y) * v : v;
 				*negative = *negative || v < 0;
 			}
 			sum += row;
 		}
-	return in->self || in->count[0].v ? sum : in->share[half] * sum;
+	return in->self || local ? sum : in->share[half] * sum;
 }
 
 /* Degrees of freedom of the squared distances that gd_halves_add() left. */

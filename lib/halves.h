@@ -48,8 +48,11 @@ static inline double gd_halves_luminance(const struct gd_plane *rgb, int x, int 
 {
 	double l = 0;
 
-	for (int c = 0; c < 3; c++)
-		l += fmax((double)gd_row(rgb[c], y)[x], 0) / 3;
+	for (int c = 0; c < 3; c++) {
+		double v = (double)gd_row(rgb[c], y)[x];
+
+		l += (v > 0 ? v : 0) / 3;	/* not fmax(): that is a call */
+	}
 	return l;
 }
 

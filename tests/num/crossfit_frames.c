@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The denoiser with other frames of a sequence, and with samples that differ from pixel to pixel. */
+/* The denoiser with other frames of a sequence, and with samples that differ per pixel. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

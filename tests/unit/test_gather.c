@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Frames of a sequence against what is known of them: where things are, and how much they differ. */
+/* Frames of a sequence against what is known of them: where things are, how they differ. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -103,7 +103,8 @@ static struct job *make(const struct shot *shot, int n)
 {
 	struct job *j = calloc(1, sizeof *j);
 
-	*j = (struct job){ .w = W, .h = H, .in = { .ny = 3, .nframe = n - 1, .share = { .5, .5 } } };
+	*j = (struct job){ .w = W, .h = H,
+			   .in = { .ny = 3, .nframe = n - 1, .share = { .5, .5 } } };
 	j->in.frame = j->frame;
 	shoot(shot, 1, j->in.y, j->in.position, W, H);
 	for (int k = 0; k < n - 1; k++)
@@ -249,7 +250,9 @@ static void test_pan(void **state)
 
 				double n = (double)gd_row(j->count[0], y)[x];
 
-				if (!(n >= (seen ? (rim ? 0.8 : 0.99) : 0.5) && n <= (seen ? 1.001 : 0.5)))
+				double least = !seen ? 0.5 : rim ? 0.8 : 0.99;
+
+				if (!(n >= least && n <= (seen ? 1.001 : 0.5)))
 					fail_msg("pan %d: %g samples at %d %d", pan, n, x, y);
 			}
 		done(j);
@@ -329,7 +332,8 @@ static void test_order_of_frames(void **state)
 
 static void test_threads(void **state)
 {
-	const struct shot a[3] = { { 0, 1, .3, false }, { 3, 1, .2, false }, { 0, 1.2, .3, false } };
+	const struct shot a[3] = { { 0, 1, .3, false }, { 3, 1, .2, false },
+				   { 0, 1.2, .3, false } };
 	struct job *j = make(a, 3);
 	int was = omp_get_max_threads();
 
@@ -356,7 +360,8 @@ static void test_threads(void **state)
 static void test_scaled(void **state)
 {
 	static const float scales[] = { 1e-12f, 1024, 1e12f };
-	const struct shot a[3] = { { 0, 1, .3, false }, { 3, 1, .2, false }, { 0, 1.2, .3, false } };
+	const struct shot a[3] = { { 0, 1, .3, false }, { 3, 1, .2, false },
+				   { 0, 1.2, .3, false } };
 	struct job *j = make(a, 3);
 
 	(void)state;
