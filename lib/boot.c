@@ -17,6 +17,13 @@
 
 #define MAX_ITERATIONS 1000
 
+/*
+ * Variance of a solution's detail (what a blur by 2 px leaves) over that of the edges, for equal
+ * weights and independent edges: the mean over all frequencies of (1 - G)^2 / L, with G the
+ * transform of the blur and L that of the Laplacian.
+ */
+#define DETAIL 0.318
+
 struct boot {
 	const struct gd_boot_in *in;
 	const struct gd_boot_conf *conf;
@@ -436,4 +443,24 @@ int gd_boot_halves(const struct gd_plane *local, const struct gd_plane *a, const
 	}
 	free(block);
 	return rc;
+}
+
+void gd_boot_edges(struct gd_plane local, struct gd_plane dxvar, struct gd_plane dyvar)
+{
+#pragma omp parallel for schedule(static)
+	for (int y = 0; y < local.h; y++)
+		for (int x = 0; x < local.w; x++) {
+			double sum = 0.0;
+			int n = 0;
+
+			for (int j = y > 2 ? y - 2 : 0; j <= y + 2 && j < local.h; j++)
+				for (int i = x > 2 ? x - 2 : 0; i <= x + 2 && i < local.w; i++) {
+					float a = gd_row(dxvar, j)[i], b = gd_row(dyvar, j)[i];
+
+					sum += (isfinite(a) && a > 0.0f ? a : 0.0) +
+					       (isfinite(b) && b > 0.0f ? b : 0.0);
+					n += 2;
+				}
+			gd_row(local, y)[x] = limited(DETAIL * sum / n);
+		}
 }

@@ -85,4 +85,7 @@ int gd_boot_plain(const struct gd_plane *mean, const struct gd_boot_in *in,
 int gd_boot_halves(const struct gd_plane *local, const struct gd_plane *a, const struct gd_plane *b,
 		   int n, double local_px, struct gd_err *err);
 
+/* The same, roughly, of a solution of equal weights, from the variances of its gradients. */
+void gd_boot_edges(struct gd_plane local, struct gd_plane dxvar, struct gd_plane dyvar);
+
 #endif

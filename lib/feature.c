@@ -9,16 +9,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "feature_frames.h"
 #include "poisson.h"
 
 #define BINS GD_BOOT_MAX_BINS
-
-/*
- * Variance of a solution's detail (what a blur by 2 px leaves) over that of the edges, for equal
- * weights and independent edges: the mean over all frequencies of (1 - G)^2 / L, with G the
- * transform of the blur and L that of the Laplacian.
- */
-#define DETAIL 0.318
 
 struct stage {
 	struct gd_image *im;
@@ -31,8 +25,7 @@ struct stage {
 	struct gd_plane (*dx)[3], (*dy)[3];	/* [bins], or the mean where there are none */
 	struct gd_plane primal[3], half_primal[2][3];
 	struct gd_image tmp;			/* solutions before the filter */
-	struct gd_plane whole[3], half[2][3], local[3], half_local[3];
-	bool has_local; /* local, the variance of whole's detail, is known */
+	struct gd_feature_set made;		/* whole_var[0].v = NULL: unknown */
 };
 
 /* ---- channels ---- */
@@ -110,6 +103,8 @@ static int want_gradients(struct gd_image *im, const struct gd_feature_conf *con
 	}
 	if (bins)
 		return GD_OK;
+	if (!gd_layer_find(im, "dx").n && !gd_layer_find(im, "dy").n && gd_feature_set_want(im))
+		return GD_OK;
 	if (!gd_layer_want(im, "dx", GD_READ))
 		return missing(im, "dx", err);
 	if (!gd_layer_want(im, "dy", GD_READ))
@@ -127,7 +122,23 @@ int gd_feature_want(struct gd_image *im, const struct gd_feature_conf *conf, str
 		rc = want_gradients(im, conf, err);
 	if (rc == GD_OK)
 		rc = gd_feature_layers_want(im, conf->layers, err);
+	if (rc == GD_OK && conf->neighbours)
+		gd_layer_want(im, "P", GD_READ);
 	return rc;
+}
+
+int gd_feature_want_neighbour(struct gd_image *neighbour, const struct gd_image *im,
+			      const struct gd_feature_conf *conf, struct gd_err *err)
+{
+	if (neighbour->w != im->w || neighbour->h != im->h)
+		return gd_fail(err, GD_ESHAPE, "is %dx%d, expected %dx%d", neighbour->w,
+			       neighbour->h, im->w, im->h);
+	for (int i = 0; i < neighbour->nchan; i++)
+		neighbour->chan[i].want = GD_DROP;
+	gd_layer_want(neighbour, "P", GD_READ);
+	if (gd_feature_set_want(neighbour))
+		return GD_OK;
+	return want_gradients(neighbour, conf, err);
 }
 
 /* ---- bins ---- */
@@ -398,29 +409,8 @@ static int solve_bagged(struct stage *s)
 	in.dx = (const struct gd_plane (*)[3])s->dx;
 	in.dy = (const struct gd_plane (*)[3])s->dy;
 	memcpy(in.primal, s->primal, sizeof in.primal);
-	memcpy(out.mean, s->whole, sizeof out.mean);
+	memcpy(out.mean, s->made.whole, sizeof out.mean);
 	return gd_boot_run(&out, &in, &s->conf->boot, NULL, s->report, s->err);
-}
-
-/* The variance of the detail from that of the edges, where there are no bins to tell it. */
-static void local_from_edges(struct gd_plane out, struct gd_plane dxvar, struct gd_plane dyvar)
-{
-#pragma omp parallel for schedule(static)
-	for (int y = 0; y < out.h; y++)
-		for (int x = 0; x < out.w; x++) {
-			double sum = 0.0;
-			int n = 0;
-
-			for (int j = y > 2 ? y - 2 : 0; j <= y + 2 && j < out.h; j++)
-				for (int i = x > 2 ? x - 2 : 0; i <= x + 2 && i < out.w; i++) {
-					float a = gd_row(dxvar, j)[i], b = gd_row(dyvar, j)[i];
-
-					sum += (isfinite(a) && a > 0.0f ? a : 0.0) +
-					       (isfinite(b) && b > 0.0f ? b : 0.0);
-					n += 2;
-				}
-			gd_row(out, y)[x] = finite_float(DETAIL * sum / n);
-		}
 }
 
 static int solve_without_bins(struct stage *s)
@@ -431,20 +421,19 @@ static int solve_without_bins(struct stage *s)
 	memcpy(in.dx, s->dx[0], sizeof in.dx);
 	memcpy(in.dy, s->dy[0], sizeof in.dy);
 	memcpy(in.primal, s->primal, sizeof in.primal);
-	s->has_local = gd_layer_variance(s->im, "dx").n == s->n &&
-		       gd_layer_variance(s->im, "dy").n == s->n;
-	if (s->has_local) {
+	if (gd_layer_variance(s->im, "dx").n == s->n && gd_layer_variance(s->im, "dy").n == s->n) {
 		gd_layer_variance_planes(s->im, "dx", p);
 		memcpy(in.dxvar, p, sizeof in.dxvar);
 		gd_layer_variance_planes(s->im, "dy", p);
 		memcpy(in.dyvar, p, sizeof in.dyvar);
 		for (int c = 0; c < s->n; c++)
-			local_from_edges(s->local[c], in.dxvar[c], in.dyvar[c]);
+			gd_boot_edges(s->made.whole_var[c], in.dxvar[c], in.dyvar[c]);
 	} else {
+		memset(s->made.whole_var, 0, sizeof s->made.whole_var);
 		gd_note(s->report,
 			"neither bins nor variances of dx and dy: equal weights, no filter");
 	}
-	return poisson(s, s->whole, &in);
+	return poisson(s, s->made.whole, &in);
 }
 
 /* The variance of the mean of two is half of what each has. */
@@ -458,22 +447,23 @@ static void twice(struct gd_plane to, struct gd_plane from)
 
 static int solve_halves(struct stage *s)
 {
+	struct gd_feature_set *made = &s->made;
 	double start = gd_seconds();
-	int rc = tmp_layer(s, "half0", s->half[0]);
+	int rc = tmp_layer(s, "half0", made->half[0]);
 
 	if (rc == GD_OK)
-		rc = tmp_layer(s, "half1", s->half[1]);
+		rc = tmp_layer(s, "half1", made->half[1]);
 	if (rc == GD_OK)
-		rc = tmp_layer(s, "half.local", s->half_local);
+		rc = tmp_layer(s, "half.local", made->half_var[0]);
 	for (int i = 0; i < 2 && rc == GD_OK; i++)
-		rc = solve_bins(s, s->half[i], s->half_primal[i], i, 2);
+		rc = solve_bins(s, made->half[i], s->half_primal[i], i, 2);
 	if (rc == GD_OK)
-		rc = gd_boot_halves(s->local, s->half[0], s->half[1], s->n, s->conf->boot.local_px,
-				    s->err);
+		rc = gd_boot_halves(made->whole_var, made->half[0], made->half[1], s->n,
+				    s->conf->boot.local_px, s->err);
 	for (int c = 0; c < s->n && rc == GD_OK; c++)
-		twice(s->half_local[c], s->local[c]);
-	s->has_local = true;
-	s->result->halves = rc == GD_OK;
+		twice(made->half_var[0][c], made->whole_var[c]);
+	memcpy(made->half_var[1], made->half_var[0], sizeof made->half_var[1]);
+	made->halves = true;
 	s->result->half_seconds = gd_seconds() - start;
 	return rc;
 }
@@ -481,22 +471,66 @@ static int solve_halves(struct stage *s)
 static int solve(struct stage *s)
 {
 	double start = gd_seconds();
-	int rc = tmp_layer(s, "whole", s->whole);
+	int rc = tmp_layer(s, "whole", s->made.whole);
 
 	if (rc == GD_OK)
-		rc = tmp_layer(s, "local", s->local);
+		rc = tmp_layer(s, "local", s->made.whole_var);
 	if (rc != GD_OK)
 		return rc;
+	s->made.n = s->n;
 	s->result->bagged = s->bins && s->conf->bagging && s->conf->solve == GD_FEATURE_WLS;
 	if (!s->bins)
 		rc = solve_without_bins(s);
 	else if (s->result->bagged)
 		rc = solve_bagged(s);
 	else
-		rc = solve_bins(s, s->whole, s->primal, 0, 1);
+		rc = solve_bins(s, s->made.whole, s->primal, 0, 1);
 	s->result->solve_seconds = gd_seconds() - start;
 	if (rc == GD_OK && s->bins)
 		rc = solve_halves(s);
+	return rc;
+}
+
+/* ---- all frames ---- */
+
+/* Planes in tmp, under names of their own. */
+static int tmp_set(struct stage *s, struct gd_feature_set *set, const char *name)
+{
+	struct gd_plane *to[] = { set->whole, set->whole_var, set->half[0], set->half[1],
+				  set->half_var[0], set->half_var[1] };
+	int rc = GD_OK;
+
+	set->n = s->n;
+	set->halves = s->made.halves;
+	for (int i = 0; i < (set->halves ? 6 : 2) && rc == GD_OK; i++) {
+		char layer[64];
+
+		snprintf(layer, sizeof layer, "%s%d", name, i);
+		rc = tmp_layer(s, layer, to[i]);
+	}
+	return rc;
+}
+
+/* Neighbours as they are to be averaged with the frame. */
+static int bring_frames(struct stage *s, struct gd_feature_set *frame)
+{
+	struct gd_plane position[GD_LAYER_PLANES] = { 0 }, known;
+	int rc = GD_OK;
+
+	if (gd_layer_planes(s->im, "P", position) != 3)
+		position[0].v = NULL;
+	for (int i = 0; i < s->conf->neighbours && rc == GD_OK; i++) {
+		char name[64];
+
+		snprintf(name, sizeof name, "known%d", i);
+		rc = gd_image_add(&s->tmp, name, &known, s->err);
+		if (rc == GD_OK)
+			rc = gd_feature_set_neighbour(&frame[i], &s->conf->neighbour[i], known,
+						      &s->made, position, s->conf, s->result,
+						      s->report, s->err);
+	}
+	if (s->result->followed)
+		s->result->found /= s->result->followed;
 	return rc;
 }
 
@@ -506,116 +540,111 @@ static int solve(struct stage *s)
 static int add_feature(struct stage *s, const char *layer, struct gd_plane *out,
 		       struct gd_plane *out_var)
 {
-	struct gd_plane p[GD_LAYER_PLANES], v[GD_LAYER_PLANES];
+	struct gd_plane p[GD_LAYER_PLANES], v[GD_LAYER_PLANES] = { 0 };
 	char name[64];
 	int rc = gd_layer_add(s->im, layer, s->n, p, s->err);
 
 	snprintf(name, sizeof name, "%s.variance", layer);
-	if (rc == GD_OK && s->has_local)
+	if (rc == GD_OK && s->made.whole_var[0].v)
 		rc = gd_layer_add(s->im, name, s->n, v, s->err);
 	for (int c = 0; c < s->n && rc == GD_OK; c++) {
 		out[c] = p[c];
-		if (s->has_local)
-			out_var[c] = v[c];
+		out_var[c] = v[c];
 	}
 	return rc;
 }
 
-static void copy_plane(struct gd_plane to, struct gd_plane from)
+static int add_features(struct stage *s, struct gd_feature_set *out)
 {
-	for (int y = 0; y < to.h; y++)
-		memcpy(gd_row(to, y), gd_row(from, y), (size_t)to.w * sizeof(float));
-}
+	int rc = add_feature(s, "feature", out->whole, out->whole_var);
 
-static void copy_feature(struct stage *s, struct gd_plane *out, struct gd_plane *out_var,
-			 const struct gd_plane *in, const struct gd_plane *var)
-{
-	for (int c = 0; c < s->n; c++) {
-		copy_plane(out[c], in[c]);
-		if (s->has_local)
-			copy_plane(out_var[c], var[c]);
-	}
-}
-
-/* to = part a + part b */
-static void mix(struct gd_plane to, struct gd_plane a, struct gd_plane b, float part)
-{
-#pragma omp parallel for schedule(static)
-	for (int y = 0; y < to.h; y++)
-		for (int x = 0; x < to.w; x++)
-			gd_row(to, y)[x] = part * gd_row(a, y)[x] + part * gd_row(b, y)[x];
-}
-
-/*
- * The weights of each half go to the other half and to the feature of all bins, which becomes the
- * mean of the two results: half of its noise is unknown to either set of weights, where weights
- * from itself would know all of it and keep it. Its variance before is half of that of a half,
- * hence after, too, for either set of weights; it is at most the mean of these two.
- */
-static int filter_crossed(struct stage *s, struct gd_plane (*out)[3], struct gd_plane (*out_var)[3])
-{
-	const int n = s->n;
-	struct gd_plane other[3];
-	int rc = tmp_layer(s, "other", other);
-
-	for (int i = 0; i < 2 && rc == GD_OK; i++) {
-		struct gd_plane in[6], var[6] = { 0 }, to[6], to_var[6] = { 0 };
-		struct gd_nlm_job job = { n, 2 * n, s->half[1 - i], s->half_local,
-					  in, var, to, to_var };
-
-		for (int c = 0; c < n; c++) {
-			in[c] = s->half[i][c];
-			var[c] = s->half_local[c];
-			to[c] = out[1 + i][c];
-			to_var[c] = out_var[1 + i][c];
-			in[n + c] = s->whole[c];
-			to[n + c] = i ? other[c] : out[0][c];
-		}
-		rc = gd_nlm_run(&job, &s->conf->nlm, s->report, s->err);
-	}
-	for (int c = 0; c < n && rc == GD_OK; c++) {
-		mix(out[0][c], out[0][c], other[c], 0.5f);
-		mix(out_var[0][c], out_var[1][c], out_var[2][c], 0.25f);
-	}
+	out->n = s->n;
+	out->halves = s->made.halves;
+	if (rc == GD_OK && out->halves)
+		rc = add_feature(s, "half0.feature", out->half[0], out->half_var[0]);
+	if (rc == GD_OK && out->halves)
+		rc = add_feature(s, "half1.feature", out->half[1], out->half_var[1]);
 	return rc;
+}
+
+/* Pixels averaged with those that show the same in other frames, then the filter itself; or, if
+ * they cannot be followed, the filter in windows that span all frames. */
+static int filter_frames(struct stage *s, const struct gd_feature_set *out,
+			 const struct gd_plane *other)
+{
+	const struct gd_nlm_conf *nlm = &s->conf->nlm;
+	struct gd_feature_set frame[GD_FEATURE_FRAMES], mean = { 0 };
+	double start = gd_seconds();
+	int rc = bring_frames(s, frame), n = s->conf->neighbours;
+
+	if (rc == GD_OK && s->result->followed == n) {
+		rc = tmp_set(s, &mean, "mean");
+		if (rc == GD_OK)
+			rc = gd_feature_set_filter(&mean, &s->made, frame, n, 0, other,
+						   &s->conf->nlm_frames, s->report, s->err);
+		s->result->frame_seconds = gd_seconds() - start;
+		return rc != GD_OK ? rc : gd_feature_set_filter(out, &mean, NULL, 0, 0, other, nlm,
+								 s->report, s->err);
+	}
+	s->result->frame_seconds = gd_seconds() - start;
+	return rc != GD_OK ? rc : gd_feature_set_filter(out, &s->made, frame, n, nlm->window, other,
+							 nlm, s->report, s->err);
 }
 
 static int write_features(struct stage *s)
 {
-	static const char *const layer[] = { "feature", "half0.feature", "half1.feature" };
-	struct gd_plane out[3][3], out_var[3][3];
-	struct gd_nlm_job job = { s->n, s->n, s->whole, s->local,
-				  s->whole, s->local, out[0], out_var[0] };
-	const int layers = s->result->halves ? 3 : 1;
+	struct gd_feature_set out = { 0 };
+	struct gd_plane other[3];
 	double start = gd_seconds();
-	int rc = GD_OK;
+	int rc = add_features(s, &out);
 
-	for (int i = 0; i < layers && rc == GD_OK; i++)
-		rc = add_feature(s, layer[i], out[i], out_var[i]);
+	if (rc == GD_OK)
+		rc = tmp_layer(s, "other", other);
 	if (rc != GD_OK)
 		return rc;
-	s->result->filtered = s->conf->filter && s->has_local;
-	if (s->result->filtered && s->result->halves)
-		rc = filter_crossed(s, out, out_var);
-	else if (s->result->filtered)
-		rc = gd_nlm_run(&job, &s->conf->nlm, s->report, s->err);
+	s->result->halves = s->made.halves;
+	s->result->filtered = s->conf->filter && s->made.whole_var[0].v;
+	if (!s->result->filtered)
+		gd_feature_set_copy(&out, &s->made);
+	else if (s->conf->neighbours)
+		rc = filter_frames(s, &out, other);
 	else
-		for (int i = 0; i < layers; i++)
-			copy_feature(s, out[i], out_var[i], i ? s->half[i - 1] : s->whole,
-				     i ? s->half_local : s->local);
-	s->result->filter_seconds = gd_seconds() - start;
+		rc = gd_feature_set_filter(&out, &s->made, NULL, 0, 0, other, &s->conf->nlm,
+					   s->report, s->err);
+	s->result->filter_seconds = gd_seconds() - start - s->result->frame_seconds;
+	return rc;
+}
+
+/* A feature that was made before, out of the way of what will take its place. */
+static int take_feature(struct stage *s, const struct gd_feature_set *found)
+{
+	int rc;
+
+	s->n = found->n;
+	s->made.halves = found->halves;
+	rc = tmp_set(s, &s->made, "made");
+	if (rc == GD_OK)
+		gd_feature_set_copy(&s->made, found);
+	s->result->made_before = true;
 	return rc;
 }
 
 static int make_feature(struct stage *s)
 {
-	int rc = gather(s);
+	struct gd_feature_set found;
+	bool before = !gd_layer_find(s->im, "dx").n && gd_feature_set_find(&found, s->im) &&
+		      !count_bins(s->im, &s->family);
+	int rc = before ? GD_OK : gather(s);
 
 	gd_image_init(&s->tmp, s->im->w, s->im->h);
-	if (rc == GD_OK && s->bins)
-		rc = colour_halves(s);
-	if (rc == GD_OK)
-		rc = solve(s);
+	if (before) {
+		rc = take_feature(s, &found);
+	} else {
+		if (rc == GD_OK && s->bins)
+			rc = colour_halves(s);
+		if (rc == GD_OK)
+			rc = solve(s);
+	}
 	if (rc == GD_OK && !s->conf->keep)
 		gd_image_drop_if(s->im, drop_gradient, NULL);
 	if (rc == GD_OK)
@@ -637,6 +666,9 @@ int gd_feature_run(struct gd_image *im, const struct gd_feature_conf *conf,
 	int rc = GD_OK;
 
 	*s.result = (struct gd_feature_result){ 0 };
+	if (conf->neighbours < 0 || conf->neighbours > GD_FEATURE_FRAMES)
+		return gd_fail(err, GD_EARG, "%d neighbours, expected 0 to %d", conf->neighbours,
+			       GD_FEATURE_FRAMES);
 	if (conf->solve != GD_FEATURE_NONE)
 		rc = make_feature(&s);
 	start = gd_seconds();

@@ -10,6 +10,11 @@
  * and the variances of all of these. The noise of half1.feature is independent of that of half0.R,
  * so a regression of the one on the other cannot fit noise to itself.
  *
+ * Neighbours are other frames of a sequence, whose features (of which the drift has been taken out,
+ * as far as it differs) are averaged with those of the image before they are filtered. Where all
+ * frames tell world positions, pixels are averaged with those that show the same surface, weighted
+ * by patches as in nlm.h; without these the windows of the filter itself span the frames.
+ *
  * Which variance is told: that of the feature's detail. An image solved from gradients drifts, as
  * a random walk does, but the drift is common to a window, and a regression with a constant takes
  * it out.
@@ -23,6 +28,8 @@
 #include "buffers.h"
 #include "nlm.h"
 
+#define GD_FEATURE_FRAMES 4	/* most neighbours */
+
 enum gd_feature_solve { GD_FEATURE_WLS, GD_FEATURE_OLS, GD_FEATURE_NONE };
 
 struct gd_feature_conf {
@@ -31,27 +38,44 @@ struct gd_feature_conf {
 	bool keep;			/* gradients, their variances and their bins stay */
 	struct gd_boot_conf boot;
 	struct gd_nlm_conf nlm;		/* of the feature */
+	struct gd_nlm_conf nlm_frames;	/* of pixels in several frames: its window is 0 */
 	struct gd_nlm_conf nlm_layers;	/* of the layers below */
 	const char *layers;		/* noisy layers to prefilter, "albedo,N,Z", or NULL */
+	struct gd_image *neighbour;	/* other frames, used up: read as ..._want_neighbour() has it */
+	int neighbours;			/* 0 .. GD_FEATURE_FRAMES */
 };
 
 #define GD_FEATURE_DEFAULTS ((struct gd_feature_conf){ \
 	.solve = GD_FEATURE_WLS, .bagging = true, .filter = true, .boot = GD_BOOT_DEFAULTS, \
 	.nlm = GD_NLM_DEFAULTS, \
+	.nlm_frames = { .patch = 3, .window = 0, .k = 0.7, .eps = 1e-6 }, \
 	.nlm_layers = { .patch = 3, .window = 5, .k = 0.85, .eps = 1e-6 } })
 
 struct gd_feature_result {
 	int bins;		/* of the gradients, 0: none */
 	bool bagged, halves, filtered;
 	int layers;		/* filtered layers */
+	bool made_before;	/* the feature was in the image already */
+	int frames, followed;	/* neighbours; those whose pixels were found by world position */
+	int solved;		/* neighbours whose feature was not made before */
+	double found;		/* share of the image's pixels found in these, 0 .. 1 */
 	double solve_seconds, half_seconds, filter_seconds, layer_seconds;
+	double frame_seconds;	/* of the neighbours: solving, following, averaging */
 };
 
 /*
  * Marks what gd_feature_run() reads and what it will not hand on, in an image of which only the
- * header is known. GD_ESHAPE names a channel that is missing.
+ * header is known. GD_ESHAPE names a channel that is missing. An image without gradients, but with
+ * the feature and its variances, is one whose feature waits to be filtered.
  */
 int gd_feature_want(struct gd_image *im, const struct gd_feature_conf *conf, struct gd_err *err);
+
+/*
+ * The same for a neighbour of im; everything else is dropped. If it has features with variances
+ * these are taken, else they are made as those of im are. GD_ESHAPE, too, for another size.
+ */
+int gd_feature_want_neighbour(struct gd_image *neighbour, const struct gd_image *im,
+			      const struct gd_feature_conf *conf, struct gd_err *err);
 
 /*
  * Adds the channels above to im and frees those that no later stage needs. Without bins: one solve

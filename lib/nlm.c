@@ -19,6 +19,7 @@
 #define TILE_H 32
 #define MAX_PATCH 16
 #define MAX_WINDOW 32
+#define NO_ROOM (-20)	/* 2^NO_ROOM leaves room for sums over 65 x 65 values */
 #define BATCH 256	/* tiles between two reports of progress */
 #define BUCKETS 65536
 #define MAX_COUNTS 16	/* more threads would rather wait for the adding up */
@@ -30,13 +31,14 @@ struct scaling {
 
 struct run {
 	const struct gd_nlm_job *job;
+	const struct gd_nlm_frame *frame;
+	int frames;			/* others */
 	const struct gd_nlm_conf *conf;
 	const struct gd_nlm_kernel *kernel;
 	int w, h, across, down;		/* pixels; tiles */
 	struct scaling guide[GD_NLM_PLANES], guide_var[GD_NLM_PLANES];
 	float noise[GD_NLM_PLANES];	/* e / k^2 of the scaled guides */
 	float negligible[GD_NLM_PLANES];	/* variance of a scaled guide, or -1 */
-	int reach[2 * MAX_WINDOW + 1];	/* the largest |dx| for dy = -window, -window + 1 ... */
 	size_t stride;			/* floats per row of a tile with what is around it */
 };
 
@@ -347,39 +349,64 @@ static void mend(const struct run *r, const struct region *g, float *to, float *
 		}
 }
 
-static void load_guide(const struct run *r, const struct gd_nlm_tile *t, int c)
+static void load_guide(const struct run *r, const struct gd_nlm_tile *t, int c, float *to,
+		       float *to_var, struct gd_plane from, struct gd_plane var)
 {
-	const struct gd_plane from = r->job->guide[c], var = r->job->guide_var[c];
 	struct region g = region_of(t, t->patch + t->window);
-	int found = load_plane(r, &g, t->guide[c], from, &r->guide[c]) |
-		    load_plane(r, &g, t->guide_var[c], var, &r->guide_var[c]);
+	int found = load_plane(r, &g, to, from, &r->guide[c]) |
+		    load_plane(r, &g, to_var, var, &r->guide_var[c]);
 
 	if (found & GD_NLM_BAD)
-		mend(r, &g, t->guide[c], t->guide_var[c], from, var, &r->guide[c],
-		     &r->guide_var[c]);
+		mend(r, &g, to, to_var, from, var, &r->guide[c], &r->guide_var[c]);
 }
 
-/* Returns the power of two by which values and variances were multiplied for want of room. */
-static int load_input(const struct run *r, const struct gd_nlm_tile *t, int c)
+/* Values and variances multiplied by 2^e. Returns whether there were any without room for that. */
+static bool load_input(const struct run *r, const struct gd_nlm_tile *t, float *to, float *to_var,
+		       struct gd_plane from, struct gd_plane var, int e)
 {
-	const struct gd_plane none = { 0 }, from = r->job->in[c];
-	const struct gd_plane var = t->in_var[c] ? r->job->in_var[c] : none;
+	const struct gd_plane none = { 0 };
+	const struct scaling s = { 0.0f, ldexpf(1.0f, e), 1.0f, -FLT_MAX, FLT_MAX };
+	const struct scaling s_var = { 0.0f, ldexpf(1.0f, e), 1.0f, 0.0f, ldexpf(FLT_MAX, e) };
 	struct region g = region_of(t, t->window);
-	int e = 0, found;
+	int found = load_plane(r, &g, to, from, &s);
 
-	for (;;) {
-		struct scaling s = { 0.0f, ldexpf(1.0f, e), 1.0f, -FLT_MAX, FLT_MAX };
-		struct scaling s_var = { 0.0f, ldexpf(1.0f, e), 1.0f, 0.0f, ldexpf(FLT_MAX, e) };
+	if (to_var)
+		found |= load_plane(r, &g, to_var, var, &s_var);
+	if (found & GD_NLM_BAD)
+		mend(r, &g, to, to_var, from, to_var ? var : none, &s, &s_var);
+	return found & GD_NLM_HUGE;
+}
 
-		found = load_plane(r, &g, t->in[c], from, &s);
-		if (t->in_var[c])
-			found |= load_plane(r, &g, t->in_var[c], var, &s_var);
-		if (found & GD_NLM_BAD)
-			mend(r, &g, t->in[c], t->in_var[c], from, var, &s, &s_var);
-		if (!(found & GD_NLM_HUGE) || e < 0)
-			return e;
-		e = -20;
+/* The frame itself. e[c]: the power of two by which plane c is multiplied for want of room. */
+static void load_frame(const struct run *r, const struct gd_nlm_tile *t, int *e)
+{
+	const struct gd_nlm_job *job = r->job;
+
+	for (int c = 0; c < t->nguide; c++)
+		load_guide(r, t, c, t->guide[c], t->guide_var[c], job->guide[c],
+			   job->guide_var[c]);
+	for (int c = 0; c < t->n; c++) {
+		const struct gd_plane var = job->in_var ? job->in_var[c] : (struct gd_plane){ 0 };
+
+		e[c] = r->frames ? NO_ROOM : 0;
+		while (load_input(r, t, t->in[c], t->in_var[c], job->in[c], var, e[c]) && !e[c])
+			e[c] = NO_ROOM;
 	}
+}
+
+static void load_other(const struct run *r, const struct gd_nlm_tile *t, int i, const int *e)
+{
+	const struct gd_nlm_frame *f = &r->frame[i];
+	const struct scaling as_is = { 0.0f, 1.0f, 1.0f, 0.0f, 1.0f };
+	const struct region g = region_of(t, t->window);
+
+	load_plane(r, &g, t->known, f->known, &as_is);
+
+	for (int c = 0; c < t->nguide; c++)
+		load_guide(r, t, c, t->other[c], t->other_var[c], f->guide[c], f->guide_var[c]);
+	for (int c = 0; c < t->n; c++)
+		load_input(r, t, t->from[c], t->from_var[c], f->in[c],
+			   f->in_var ? f->in_var[c] : (struct gd_plane){ 0 }, e[c]);
 }
 
 /*
@@ -396,9 +423,11 @@ static size_t work_rows(const struct run *r)
 {
 	const size_t f = (size_t)r->conf->patch, reach = (size_t)r->conf->window;
 	const size_t inputs = (size_t)r->job->n * (r->job->out_var ? 2 : 1);
+	const size_t loaded = 2 * (size_t)r->job->nguide * (TILE_H + 2 * (f + reach)) +
+			      inputs * (TILE_H + 2 * reach);
 
-	return 2 * (size_t)r->job->nguide * (TILE_H + 2 * (f + reach)) +
-	       inputs * (2 * TILE_H + 2 * reach) + 2 * TILE_H + 1 + GD_NLM_GROUP * (2 * f + 3);
+	return loaded + (r->frames ? loaded + TILE_H + 2 * reach : 0) + (inputs + 2) * TILE_H + 1 +
+	       GD_NLM_GROUP * (2 * f + 3);
 }
 
 /* The next rows of the work space; the pointer is that of the first pixel below the rows above. */
@@ -415,29 +444,73 @@ static bool wants_variance(const struct gd_nlm_job *job, int c)
 	return job->out_var && job->out_var[c].v;
 }
 
-/* Lays the tile's arrays out in a thread's work space. */
-static void lay_out(const struct run *r, struct gd_nlm_tile *t, float *work)
+/* Room for what is loaded of one frame. */
+static void lay_out_frame(const struct run *r, float **work, float **guide, float **guide_var,
+			  float **in, float **in_var)
 {
 	const size_t f = (size_t)r->conf->patch, reach = (size_t)r->conf->window;
 
 	for (int c = 0; c < r->job->nguide; c++) {
-		t->guide[c] = rows_of(r, &work, TILE_H, f + reach);
-		t->guide_var[c] = rows_of(r, &work, TILE_H, f + reach);
+		guide[c] = rows_of(r, work, TILE_H, f + reach);
+		guide_var[c] = rows_of(r, work, TILE_H, f + reach);
 	}
 	for (int c = 0; c < r->job->n; c++) {
-		t->in[c] = rows_of(r, &work, TILE_H, reach);
+		in[c] = rows_of(r, work, TILE_H, reach);
+		if (wants_variance(r->job, c))
+			in_var[c] = rows_of(r, work, TILE_H, reach);
+	}
+}
+
+/* Lays the tile's arrays out in a thread's work space. */
+static void lay_out(const struct run *r, struct gd_nlm_tile *t, float *work)
+{
+	lay_out_frame(r, &work, t->guide, t->guide_var, t->in, t->in_var);
+	if (r->frames) {
+		lay_out_frame(r, &work, t->other, t->other_var, t->from, t->from_var);
+		t->known = rows_of(r, &work, TILE_H, (size_t)r->conf->window);
+	}
+	for (int c = 0; c < r->job->n; c++) {
 		t->sum[c] = rows_of(r, &work, TILE_H, 0);
-		if (!wants_variance(r->job, c))
-			continue;
-		t->in_var[c] = rows_of(r, &work, TILE_H, reach);
-		t->sum_var[c] = rows_of(r, &work, TILE_H, 0);
+		if (wants_variance(r->job, c))
+			t->sum_var[c] = rows_of(r, &work, TILE_H, 0);
 	}
 	t->sum_weight = rows_of(r, &work, TILE_H, 0);
 	t->noisy = rows_of(r, &work, TILE_H, 0);
 	t->dist = rows_of(r, &work, 1, 0);
-	t->ring = rows_of(r, &work, GD_NLM_GROUP * (2 * f + 1), 0);
+	t->ring = rows_of(r, &work, GD_NLM_GROUP * (2 * (size_t)r->conf->patch + 1), 0);
 	t->weight = rows_of(r, &work, GD_NLM_GROUP, 0);
 	t->share = rows_of(r, &work, GD_NLM_GROUP, 0);
+}
+
+/* All shifts of a window, which is a square or a disc. */
+static void sum_window(const struct run *r, const struct gd_nlm_tile *t, int window)
+{
+	for (int dy = -window; dy <= window; dy++) {
+		int dx = window;
+
+		while (r->conf->round && dx > 0 && dx * dx + dy * dy > window * window + 1)
+			dx--;
+		r->kernel->sums(t, dy, dx);
+	}
+}
+
+/* The window in the frame itself, then in the others. */
+static void sum_up(const struct run *r, const struct gd_nlm_tile *t, const int *e)
+{
+	struct gd_nlm_tile own = *t, frame = *t;
+
+	memcpy(own.other, t->guide, sizeof own.other);
+	memcpy(own.other_var, t->guide_var, sizeof own.other_var);
+	memcpy(own.from, t->in, sizeof own.from);
+	memcpy(own.from_var, t->in_var, sizeof own.from_var);
+	own.known = NULL;
+	r->kernel->clear(t);
+	sum_window(r, &own, r->conf->window);
+	for (int i = 0; i < r->frames; i++) {
+		load_other(r, t, i, e);
+		frame.known = r->frame[i].known.v ? t->known : NULL;
+		sum_window(r, &frame, r->frame[i].window);
+	}
 }
 
 static void filter_tile(const struct run *r, struct gd_nlm_tile *t, int index)
@@ -451,12 +524,9 @@ static void filter_tile(const struct run *r, struct gd_nlm_tile *t, int index)
 	t->right = r->w - x0;
 	t->top = -y0;
 	t->bottom = r->h - y0;
-	for (int c = 0; c < t->nguide; c++)
-		load_guide(r, t, c);
-	for (int c = 0; c < t->n; c++)
-		e[c] = load_input(r, t, c);
+	load_frame(r, t, e);
 	if (r->kernel->mark(t, r->negligible))
-		r->kernel->sums(t);
+		sum_up(r, t, e);
 	for (int c = 0; c < t->n; c++)
 		for (int y = 0; y < t->h; y++) {
 			float scale = ldexpf(1.0f, -e[c]);
@@ -472,7 +542,6 @@ static struct gd_nlm_tile tile_of(const struct run *r)
 {
 	struct gd_nlm_tile t = { .patch = r->conf->patch, .window = r->conf->window,
 				 .nguide = r->job->nguide, .n = r->job->n, .stride = r->stride,
-				 .reach = r->reach + r->conf->window,
 				 .scale = (float)(1.0 / (r->conf->k * r->conf->k)),
 				 .far = (float)(GD_NLM_FAR * r->conf->k * r->conf->k) };
 
@@ -525,8 +594,26 @@ static int check_planes(const char *what, const struct gd_plane *p, int n, int w
 	return GD_OK;
 }
 
+static int check_frame(const struct gd_nlm_job *job, const struct gd_nlm_frame *f, int w, int h,
+		       struct gd_err *err)
+{
+	int rc = check_planes("guide", f->guide, job->nguide, w, h, false, err);
+
+	if (rc == GD_OK)
+		rc = check_planes("guide variance", f->guide_var, job->nguide, w, h, true, err);
+	if (rc == GD_OK)
+		rc = check_planes("input", f->in, job->n, w, h, false, err);
+	if (rc == GD_OK)
+		rc = check_planes("weight", &f->known, 1, w, h, true, err);
+	if (rc == GD_OK && job->out_var)
+		rc = check_planes("input variance", f->in_var, job->n, w, h, true, err);
+	return rc;
+}
+
 static int check(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf, struct gd_err *err)
 {
+	const struct gd_nlm_frame own = { job->guide, job->guide_var, job->in,
+					  job->in_var, { 0 }, 0 };
 	int w, h, rc;
 
 	if (job->nguide < 1 || job->nguide > GD_NLM_PLANES || job->n < 1 || job->n > GD_NLM_PLANES)
@@ -549,48 +636,46 @@ static int check(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf, s
 	h = job->guide[0].h;
 	if (w < 1 || h < 1)
 		return gd_fail(err, GD_ESHAPE, "non-local means: image of %dx%d pixels", w, h);
-	rc = check_planes("guide", job->guide, job->nguide, w, h, false, err);
-	if (rc == GD_OK)
-		rc = check_planes("guide variance", job->guide_var, job->nguide, w, h, true, err);
-	if (rc == GD_OK)
-		rc = check_planes("input", job->in, job->n, w, h, false, err);
+	rc = check_frame(job, &own, w, h, err);
 	if (rc == GD_OK)
 		rc = check_planes("output", job->out, job->n, w, h, false, err);
-	if (rc == GD_OK && job->out_var)
-		rc = check_planes("input variance", job->in_var, job->n, w, h, true, err);
 	if (rc == GD_OK && job->out_var)
 		rc = check_planes("output variance", job->out_var, job->n, w, h, true, err);
 	return rc;
 }
 
-/* Disc or square. */
-static void reaches(struct run *r)
-{
-	const int n = r->conf->window;
-
-	for (int dy = -n; dy <= n; dy++) {
-		int dx = n;
-
-		while (r->conf->round && dx > 0 && dx * dx + dy * dy > n * n + 1)
-			dx--;
-		r->reach[n + dy] = dx;
-	}
-}
-
 int gd_nlm_run(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf,
 	       const struct gd_report *report, struct gd_err *err)
 {
-	struct run r = { .job = job, .conf = conf, .kernel = GD_PICK(gd_nlm_kernel) };
+	return gd_nlm_frames(job, NULL, 0, conf, report, err);
+}
+
+int gd_nlm_frames(const struct gd_nlm_job *job, const struct gd_nlm_frame *frame, int frames,
+		  const struct gd_nlm_conf *conf, const struct gd_report *report,
+		  struct gd_err *err)
+{
+	struct run r = { .job = job, .frame = frame, .frames = frames, .conf = conf,
+			 .kernel = GD_PICK(gd_nlm_kernel) };
 	int rc = check(job, conf, err);
 
 	if (rc != GD_OK)
 		return rc;
+	if (frames < 0 || frames > GD_NLM_FRAMES)
+		return gd_fail(err, GD_EARG, "non-local means: %d other frames, expected 0 to %d",
+			       frames, GD_NLM_FRAMES);
 	r.w = job->guide[0].w;
 	r.h = job->guide[0].h;
+	for (int i = 0; i < frames && rc == GD_OK; i++) {
+		rc = check_frame(job, &frame[i], r.w, r.h, err);
+		if (rc == GD_OK && (frame[i].window < 0 || frame[i].window > conf->window))
+			rc = gd_fail(err, GD_EARG, "non-local means: window %d of a frame (0 to %d)",
+				     frame[i].window, conf->window);
+	}
+	if (rc != GD_OK)
+		return rc;
 	r.across = (r.w + TILE_W - 1) / TILE_W;
 	r.down = (r.h + TILE_H - 1) / TILE_H;
 	r.stride = TILE_W + 2 * margin(conf);
-	reaches(&r);
 	rc = scale_guides(&r, err);
 	if (rc == GD_OK)
 		rc = filter(&r, report, err);

@@ -20,6 +20,7 @@
 #include "plane.h"
 
 #define GD_NLM_PLANES 16	/* most guide planes, and most input planes */
+#define GD_NLM_FRAMES 16	/* most other frames */
 
 struct gd_nlm_conf {
 	int patch;	/* radius of the patches in pixels, 0 .. 16; 3: 7x7 */
@@ -66,5 +67,20 @@ struct gd_nlm_job {
  */
 int gd_nlm_run(const struct gd_nlm_job *job, const struct gd_nlm_conf *conf,
 	       const struct gd_report *report, struct gd_err *err);
+
+/* Another frame: planes of the same kinds and sizes as those of the job. */
+struct gd_nlm_frame {
+	const struct gd_plane *guide, *guide_var, *in, *in_var;
+	struct gd_plane known;	/* what its pixels count, 0 .. 1; v = NULL: 1 */
+	int window;	/* radius of the window in this frame, 0 .. that of the job's own */
+};
+
+/*
+ * The same with windows that span other frames, too (0 .. GD_NLM_FRAMES): q is any pixel in the
+ * window in any frame, p always one of the job's (Back, Yoon, Moon 2018, section 4).
+ */
+int gd_nlm_frames(const struct gd_nlm_job *job, const struct gd_nlm_frame *frame, int frames,
+		  const struct gd_nlm_conf *conf, const struct gd_report *report,
+		  struct gd_err *err);
 
 #endif

@@ -62,8 +62,8 @@ INLINE void distances3(float *d, const struct gd_nlm_tile *t, ptrdiff_t p, ptrdi
 {
 	const float *u0 = t->guide[0] + p, *u1 = t->guide[1] + p, *u2 = t->guide[2] + p;
 	const float *v0 = t->guide_var[0] + p, *v1 = t->guide_var[1] + p, *v2 = t->guide_var[2] + p;
-	const float *s0 = t->guide[0] + q, *s1 = t->guide[1] + q, *s2 = t->guide[2] + q;
-	const float *r0 = t->guide_var[0] + q, *r1 = t->guide_var[1] + q, *r2 = t->guide_var[2] + q;
+	const float *s0 = t->other[0] + q, *s1 = t->other[1] + q, *s2 = t->other[2] + q;
+	const float *r0 = t->other_var[0] + q, *r1 = t->other_var[1] + q, *r2 = t->other_var[2] + q;
 	const float e0 = t->noise[0], e1 = t->noise[1], e2 = t->noise[2];
 	const float far = t->far;
 
@@ -97,7 +97,7 @@ static void distance_row(const struct gd_nlm_tile *t, int y, int dx, int dy, int
 	} else {
 		for (int c = 0; c < t->nguide; c++)
 			distances(d + lo, c > 0, t->guide[c] + p, t->guide_var[c] + p,
-				  t->guide[c] + q, t->guide_var[c] + q, n, t->noise[c], t->far);
+				  t->other[c] + q, t->other_var[c] + q, n, t->noise[c], t->far);
 	}
 	for (int x = x0; x < lo; x++)
 		d[x] = 0.0f;
@@ -187,9 +187,9 @@ INLINE void accumulate(const struct gd_nlm_tile *t, int y, int dx, int dy, int c
 
 	add_weights(t->sum_weight + at, w, t->stride, count, n);
 	for (int c = 0; c < t->n; c++) {
-		add_values(t->sum[c] + at, t->in[c] + at, t->in[c] + to, w, t->stride, count, n);
+		add_values(t->sum[c] + at, t->in[c] + at, t->from[c] + to, w, t->stride, count, n);
 		if (t->in_var[c])
-			add_variances(t->sum_var[c] + at, t->in_var[c] + to, w, t->stride, count,
+			add_variances(t->sum_var[c] + at, t->from_var[c] + to, w, t->stride, count,
 				      n);
 	}
 }
@@ -243,8 +243,8 @@ INLINE void next_row(const struct gd_nlm_tile *t, float *sums, int y, int dx, in
 	}
 }
 
-INLINE void weigh_run(const struct gd_nlm_tile *t, int dx, int f, int count, float share_y, int x0,
-		      int x1)
+INLINE void weigh_run(const struct gd_nlm_tile *t, const float *known, int dx, int f, int count,
+		      float share_y, int x0, int x1)
 {
 	const int rows = 2 * f + 1;
 
@@ -259,6 +259,8 @@ INLINE void weigh_run(const struct gd_nlm_tile *t, int dx, int f, int count, flo
 			w[x] = 0.0f;
 		weigh(w, t, t->ring + (size_t)(i * rows) * t->stride,
 		      t->share + (size_t)i * t->stride, rows, share_y, lo, hi);
+		for (int x = lo; known && x < hi; x++)
+			w[x] *= known[x + dx + i];
 	}
 }
 
@@ -297,7 +299,8 @@ INLINE void shift_sums(const struct gd_nlm_tile *t, int dx, int dy, int f, int c
 
 		bits = t->active[y - f];
 		while (next_run(&bits, t->w, &x0, &x1)) {
-			weigh_run(t, dx, f, count, share_y, x0, x1);
+			weigh_run(t, t->known ? t->known + (y - f + dy) * (ptrdiff_t)stride : NULL,
+				  dx, f, count, share_y, x0, x1);
 			accumulate(t, y - f, dx, dy, count, x0, x1);
 		}
 	}
@@ -358,7 +361,7 @@ static bool mark(const struct gd_nlm_tile *t, const float *most)
 	return any != 0;
 }
 
-static void sums(const struct gd_nlm_tile *t)
+static void clear(const struct gd_nlm_tile *t)
 {
 	for (int y = 0; y < t->h; y++) {
 		size_t at = (size_t)y * t->stride, bytes = (size_t)t->w * sizeof(float);
@@ -370,20 +373,21 @@ static void sums(const struct gd_nlm_tile *t)
 				memset(t->sum_var[c] + at, 0, bytes);
 		}
 	}
-	for (int dy = -t->window; dy <= t->window; dy++) {
-		const int last = t->reach[dy];
-		int dx = -last;
+}
 
-		/* the usual window of 11 in groups of 4, 4 and 3; other patches one by one */
-		for (; t->patch == 3 && dx + 4 == last; dx += 5)
-			shift_sums(t, dx, dy, 3, 5);
-		for (; t->patch == 3 && dx + 3 <= last; dx += 4)
-			shift_sums(t, dx, dy, 3, 4);
-		for (; t->patch == 3 && dx + 2 <= last; dx += 3)
-			shift_sums(t, dx, dy, 3, 3);
-		for (; dx <= last; dx++)
-			shift_sums(t, dx, dy, t->patch, 1);
-	}
+static void sums(const struct gd_nlm_tile *t, int dy, int last)
+{
+	int dx = -last;
+
+	/* the usual window of 11 in groups of 4, 4 and 3; other patches one by one */
+	for (; t->patch == 3 && dx + 4 == last; dx += 5)
+		shift_sums(t, dx, dy, 3, 5);
+	for (; t->patch == 3 && dx + 3 <= last; dx += 4)
+		shift_sums(t, dx, dy, 3, 4);
+	for (; t->patch == 3 && dx + 2 <= last; dx += 3)
+		shift_sums(t, dx, dy, 3, 3);
+	for (; dx <= last; dx++)
+		shift_sums(t, dx, dy, t->patch, 1);
 }
 
 static void mean(const struct gd_nlm_tile *t, int plane, int y, float scale, float *restrict out)
@@ -415,4 +419,4 @@ static void mean_var(const struct gd_nlm_tile *t, int plane, int y, float scale,
 	}
 }
 
-const struct gd_nlm_kernel GD_KERNEL(gd_nlm_kernel) = { load, mark, sums, mean, mean_var };
+const struct gd_nlm_kernel GD_KERNEL(gd_nlm_kernel) = { load, mark, clear, sums, mean, mean_var };

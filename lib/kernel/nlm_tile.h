@@ -25,7 +25,6 @@ struct gd_nlm_tile {
 	int w, h;			/* pixels to filter */
 	int left, right, top, bottom;	/* the image is left <= x < right, top <= y < bottom */
 	int patch, window, nguide, n;
-	const int *reach;		/* [-window .. window]: the largest |dx| for each dy */
 	size_t stride;
 	float scale, far;		/* of all distances: 1 / k^2, and GD_NLM_FAR before that */
 	float noise[GD_NLM_PLANES];	/* e / k^2 */
@@ -33,6 +32,10 @@ struct gd_nlm_tile {
 	float *guide[GD_NLM_PLANES], *guide_var[GD_NLM_PLANES];
 	/* window more pixels around; a variance may be NULL */
 	float *in[GD_NLM_PLANES], *in_var[GD_NLM_PLANES];
+	/* the same of the frame that the pixels to average are from; may be those above */
+	float *other[GD_NLM_PLANES], *other_var[GD_NLM_PLANES];
+	float *from[GD_NLM_PLANES], *from_var[GD_NLM_PLANES];
+	float *known;			/* what its pixels count; NULL: all 1 */
 	/* w x h, sums of weighted values */
 	float *sum[GD_NLM_PLANES], *sum_var[GD_NLM_PLANES];
 	float *sum_weight;
@@ -51,8 +54,9 @@ struct gd_nlm_kernel {
 	/* noisy = 1 where any guide's variance is above most[c]; fills active and needed, too.
 	 * Returns whether there is any such pixel. */
 	bool (*mark)(const struct gd_nlm_tile *t, const float *most);
-	/* Zeroes the sums and adds up all shifts of the window. */
-	void (*sums)(const struct gd_nlm_tile *t);
+	void (*clear)(const struct gd_nlm_tile *t);	/* the sums */
+	/* Adds up the shifts by dy and -last .. last. */
+	void (*sums)(const struct gd_nlm_tile *t, int dy, int last);
 	/* out = scale (centre + sum / weight), without the latter where the pixel stays */
 	void (*mean)(const struct gd_nlm_tile *t, int plane, int y, float scale, float *out);
 	/* out_var = scale sum_var / weight^2, or scale in_var */

@@ -211,3 +211,46 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !(d <= t && 
 	near "$("$val" out.exr feature.G)" 0 0
 	near "$("$val" out.exr half1.feature.variance.G)" 0 0
 }
+
+# Where each pixel of a frame looks, the camera having moved SHIFT pixels.
+positions() { printf "%s\n" "P.X=0.1*(\$x+$1)" 'P.Y=0.1*$y' "P.Z=20+2*sin(0.2*(\$x+$1))+cos(0.3*\$y)"; }
+
+@test "--neighbours: raw frames and frames made before give the same bytes; operands come first" {
+	mapfile -t pos < <(positions 0)
+	for i in 0 1 2; do
+		buffer "$i.exr" 4 40 30 "${pos[@]}"
+		"$bin/gdfeature" --no-filter --compression none "$i.exr" "raw$i.exr"
+	done
+	export SOURCE_DATE_EPOCH=1
+	"$bin/gdfeature" --compression none 0.exr alone.exr
+	"$bin/gdfeature" 0.exr a.exr --compression none --stats s.json --neighbours 1.exr 2.exr
+	"$bin/gdfeature" --compression none --neighbours raw1.exr raw2.exr -- raw0.exr b.exr
+	"$bin/gdfeature" --compression none --neighbours raw2.exr --neighbours raw1.exr -j 1 0.exr c.exr
+	for l in feature half0.feature half1.feature.variance; do
+		for at in "7 9" "20 15" "33 3"; do
+			# shellcheck disable=SC2086
+			[ "$("$val" a.exr "$l.G" $at)" = "$("$val" b.exr "$l.G" $at)" ]
+			# shellcheck disable=SC2086
+			near "$("$val" a.exr "$l.G" $at)" "$("$val" c.exr "$l.G" $at)" 1e-4
+		done
+	done
+	grep -q '"frames": 3' s.json
+	run ! cmp -s alone.exr a.exr
+}
+
+@test "--neighbours: what is wrong names the file" {
+	buffer in.exr 2 12 9
+	buffer other.exr 2 12 8
+	"$support/mkexr.pl" plain.exr 12 9 R=1 G=1 B=1
+	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours other.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdfeature: other.exr: is 12x8, expected 12x9" ]
+	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours plain.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdfeature: plain.exr: no channel dx.R" ]
+	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours nowhere.exr
+	[ "$status" -eq 2 ] && [[ "$stderr" == "gdfeature: nowhere.exr: "* ]]
+	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours in.exr in.exr in.exr in.exr in.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdfeature: --neighbours: 5 files, expected 4 at most" ]
+	run --separate-stderr "$bin/gdfeature" in.exr out.exr --no-filter --neighbours in.exr
+	[ "$status" -eq 2 ] && [[ "$stderr" == "gdfeature: --neighbours: only the filter"* ]]
+	[ ! -e out.exr ]
+}
