@@ -151,7 +151,9 @@ static int run(struct gd_cli *cli, struct gd_image *im, struct gd_sampling_conf 
 	gd_layer_planes(im, "", in.colour);
 	gd_layer_planes(im, "error", in.error);
 	find_samples(&in, cli, im, opt);
-	conf->total = opt->total > 0 ? opt->total : opt->multiple * round(opt->spp / opt->multiple * im->w * im->h);
+	conf->total = opt->multiple * round(opt->spp / opt->multiple * im->w * im->h);
+	if (opt->total > 0)
+		conf->total = opt->total;
 	rc = gd_sampling_map(map, &in, conf, &result, err);
 	if (rc != GD_OK)
 		return rc;

@@ -10,8 +10,9 @@
  * (a half: rounded up on black squares of a chessboard, down on white ones), or as either has.
  *
  * Written: means, the variance of the mean from the spread of the bins at hand, half0 and half1 (the
- * even and the odd bins at hand), the halves again as bin0 and bin1, and samples, those of the halves, too. A bin is on the same
- * side everywhere: neighbours share noise in gradient-domain renders, and halves must not.
+ * even and the odd bins at hand), the halves again as bin0 and bin1, and samples, those of the
+ * halves, too. A bin is on the same side everywhere: neighbours share noise in gradient-domain
+ * renders, and halves must not.
  * With -a and equal counts everywhere the bins stay apart.
  * -p: a pass of its own, which knows the bins beyond BASE only; 0 where there are none.
  * G-buffers have no bins: they stay.
