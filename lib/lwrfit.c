@@ -6,8 +6,8 @@
 #include "halves.h"
 #include "pilot.h"
 
-#define BIAS_SELF	6.0	/* squared error per variance of the predictions, where no halves tell
-				 * what noise does */
+#define BIAS_SELF	6.0	/* squared error per variance of the predictions, where no halves
+				 * tell what noise does */
 
 _Static_assert(GD_APR_RHS <= GD_LWR_RHS && GD_CROSSFIT_FEATURES + 4 <= GD_LWR_FEATURES,
 	       "what gd_halves_check() lets pass fits into a model");

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Cross-fitted linear predictions: the sparse models of lwr.h on the two independent halves of the
- * samples. The colour of either half is regressed on G-buffers and on the feature of the OTHER half,
+ * samples. The colour of either half is regressed on G-buffers and the feature of the OTHER half,
  * with the weights of crossfit.h taken from the other half, and the halves are averaged.
  */
 #ifndef GD_LWRFIT_H
@@ -10,7 +10,7 @@
 #include "crossfit.h"
 #include "lwr.h"
 
-/* Planes for what was chosen, each with v = NULL or of the image's size: averaged over the halves. */
+/* Maps of what was chosen, averaged over the halves; each with v = NULL or of the image's size. */
 struct gd_lwrfit_model {
 	struct gd_plane radius, features, centre;
 };
@@ -27,7 +27,7 @@ struct gd_lwrfit_result {
  * three of which weigh the pixels, or it is left aside for the narrow pilot of either half.
  * out->spread is that of the predictions that cover a pixel, mean square over the halves.
  *
- * Needs 4 bytes a pixel for each plane estimated and each map of the model, 16 more, 12 for a pilot,
+ * Needs 4 bytes a pixel for each plane estimated and each map of the model, 16, 12 for a pilot,
  * 12 with whole, and what gd_lwr_fit() takes. Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. The
  * result does not depend on the number of threads; with the halves swapped it is the same to
  * rounding.

@@ -348,6 +348,28 @@ static inline void drop_var(struct job *j)
 		drop(&j->in.var[c]);
 }
 
+/* From no sample of a half in a pixel to six, each with the noise that the half had; 0 without. */
+static inline void count_samples(struct job *j)
+{
+	for (unsigned half = 0; half < 2; half++) {
+		j->in.count[half] = plane(j->w, j->h);
+		for (int y = 0; y < j->h; y++)
+			for (int x = 0; x < j->w; x++) {
+				double u = draw(20 + half, 0, x, y);
+				int n = u < -0.5 ? 0 : u < 0.3 ? 1 : u < 1 ? 3 : 6;
+
+				gd_row(j->in.count[half], y)[x] = (float)n;
+				for (int c = 0; c < 3; c++) {
+					double t = (double)gd_row(j->truth[c], y)[x];
+					float *v = gd_row(j->in.y[half][c], y) + x;
+
+					*v = n ? (float)(t + ((double)*v - t) / sqrt(n)) : 0;
+				}
+			}
+	}
+	drop_var(j);
+}
+
 /* All pixels alike. */
 static inline void fill(struct job *j, float v0, float v1, float var)
 {

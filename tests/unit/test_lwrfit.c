@@ -73,7 +73,7 @@ static void test_constant_image(void **state)
 	}
 }
 
-/* Where the model is right, only the noise counts: four times the variance, four times the error. */
+/* Where the model is right only noise counts: four times the variance, four times the error. */
 static void test_error_falls_with_noise(void **state)
 {
 	(void)state;
@@ -85,7 +85,7 @@ static void test_error_falls_with_noise(void **state)
 
 			run(j);
 			e[k] = square_error_of(j, 0, W, &own);
-			below(e[k], sigma[k] * sigma[k] / 2 / 40);	/* of the mean of both halves */
+			below(e[k], sigma[k] * sigma[k] / 2 / 40); /* of the mean of both halves */
 			below(own, 4 * e[k]);
 			below(e[k], own);
 			for (int c = 0; c < 3; c++)
@@ -97,7 +97,7 @@ static void test_error_falls_with_noise(void **state)
 	}
 }
 
-/* A feature that shows what G-buffers miss beats the pilot. The mean is kept: no firefly was cut. */
+/* A feature that shows what G-buffers miss beats the pilot. No firefly: the mean is kept. */
 static void test_what_features_miss(void **state)
 {
 	double e[2];
@@ -326,28 +326,6 @@ static void test_shares(void **state)
 	below(own, 5 * e);
 	done(even);
 	done(odd);
-}
-
-/* From no sample of a half in a pixel to six, each of variance 0.04; no value without samples. */
-static void count_samples(struct job *j)
-{
-	for (unsigned half = 0; half < 2; half++) {
-		j->in.count[half] = plane(W, H);
-		for (int y = 0; y < H; y++)
-			for (int x = 0; x < W; x++) {
-				double u = draw(20 + half, 0, x, y);
-				int n = u < -0.5 ? 0 : u < 0.3 ? 1 : u < 1 ? 3 : 6;
-
-				gd_row(j->in.count[half], y)[x] = (float)n;
-				for (int c = 0; c < 3; c++) {
-					double t = (double)gd_row(j->truth[c], y)[x];
-					float *v = gd_row(j->in.y[half][c], y) + x;
-
-					*v = n ? (float)(t + ((double)*v - t) / sqrt(n)) : 0;
-				}
-			}
-	}
-	drop_var(j);
 }
 
 static void test_counts(void **state)
