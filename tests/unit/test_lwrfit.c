@@ -4,6 +4,7 @@
 
 #include <omp.h>
 
+#include "halves.h"
 #include "lwrfit.h"
 
 #define W 70
@@ -389,16 +390,22 @@ static void test_no_halves(void **state)
 
 /* ---- what is told of the models ---- */
 
+/* Of wide grids, where the halves place their centres apart, and of narrow ones. */
 static void test_model(void **state)
 {
 	(void)state;
-	for (int i = 0; i < 2; i++) {
-		struct job *j = make_one(0.2, 0.5, i);
-		struct gd_lwrfit_result result = run(j);
+	for (int i = 0; i < 4; i++) {
+		struct job *j = make_one(0.05, 0.5, i % 2);
+		struct gd_lwr_conf conf = GD_LWR_DEFAULTS;
+		struct gd_lwrfit_result result;
+		int least = i < 2 ? 3 : 1;	/* 9 columns, 5 pixels for each: 7x7 */
 
+		if (i >= 2)
+			conf.granularity = conf.per_column = 0;
+		assert_int_equal(run_with(j, &conf, &result, NULL), GD_OK);
 		assert_in_range(result.models, 2, W * H);	/* sparse */
 		below(fabs(2 * mean(j->model[2]) * W * H - (double)result.models), 0.01);
-		below(2, result.mean_radius);
+		below(least, result.mean_radius);
 		below(result.mean_radius, 9);
 		for (int y = 0; y < H; y++)
 			for (int x = 0; x < W; x++) {
@@ -406,13 +413,52 @@ static void test_model(void **state)
 				double used = (double)gd_row(j->model[1], y)[x];
 				double centre = (double)gd_row(j->model[2], y)[x];
 
-				/* 9 columns, 5 pixels for each: 7x7 */
-				assert_true(radius >= 3 && radius <= 9);
+				assert_true(radius >= least && radius <= 9);
 				assert_true(used >= 0 && used <= 3 + FEATURES + 3);
 				assert_true(centre == 0 || centre == 0.5 || centre == 1);
 			}
 		done(j);
 	}
+}
+
+/* The radii of a half, by the engine alone: what one half is, is judged by the other. */
+static void radius_of_half(struct gd_plane radius, struct job *j, int half)
+{
+	struct gd_lwr_conf conf = GD_LWR_DEFAULTS;
+	struct gd_plane feat[FEATURES + 3], est[3], weight = plane(W, H);
+	const struct gd_lwr_in in = { .ny = 3, .nfeat = FEATURES + 3, .y = j->in.y[half],
+				      .twin = j->in.y[1 - half], .feat = feat, .weight = weight };
+
+	memcpy(feat, j->in.feat, FEATURES * sizeof *feat);
+	memcpy(feat + FEATURES, j->in.feature[1 - half], 3 * sizeof *feat);
+	for (int c = 0; c < 3; c++)
+		est[c] = plane(W, H);
+	assert_int_equal(gd_halves_weight(weight, feat + FEATURES, NULL), GD_OK);
+	assert_int_equal(gd_lwr_fit(&(struct gd_lwr_out){ .est = est, .radius = radius }, &in,
+				    &conf, NULL, NULL, NULL), GD_OK);
+	for (int c = 0; c < 3; c++)
+		free(est[c].v);
+	free(weight.v);
+}
+
+static void test_windows_are_judged_by_the_other_half(void **state)
+{
+	struct job *j = make_one(0.05, 0.5, true);
+	struct gd_plane radius[2] = { plane(W, H), plane(W, H) };
+
+	(void)state;
+	run(j);	/* features are as it left them */
+	for (int half = 0; half < 2; half++)
+		radius_of_half(radius[half], j, half);
+	below(0.1, most_off(radius[0], radius[1]));
+	for (int y = 0; y < H; y++)
+		for (int x = 0; x < W; x++)
+			below(fabs((double)gd_row(j->model[0], y)[x] -
+				   ((double)gd_row(radius[0], y)[x] +
+				    (double)gd_row(radius[1], y)[x]) / 2), 1e-5);
+	free(radius[0].v);
+	free(radius[1].v);
+	done(j);
 }
 
 /* The planes of the model and the spread may be left out. */
@@ -648,6 +694,7 @@ int main(void)
 		cmocka_unit_test(test_even_counts),
 		cmocka_unit_test(test_no_halves),
 		cmocka_unit_test(test_model),
+		cmocka_unit_test(test_windows_are_judged_by_the_other_half),
 		cmocka_unit_test(test_nothing_told),
 		cmocka_unit_test(test_narrow_feature),
 		cmocka_unit_test(test_fireflies),
