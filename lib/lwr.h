@@ -64,8 +64,8 @@ struct gd_lwr_in {
  * est      ny planes
  * mse      NULL, or as many planes as the colour has: estimated mean squared error, the mean of
  *          what the models covering the pixel have in their prediction windows; >= 0
- * radius, features   v = NULL, or the prediction radius and the number of features in use,
- *          averaged over the models that cover the pixel
+ * radius, features   v = NULL, or the prediction radius and the number of features in use
+ *          (as published: of their components), averaged over the models that cover the pixel
  * centre   v = NULL, or 1 where a model stands, else 0
  * spread   NULL, or as many planes as the colour has: variance of the predictions that cover the
  *          pixel about their mean; 0 where there is one

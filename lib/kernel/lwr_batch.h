@@ -22,8 +22,8 @@ struct gd_lwr_batch {
 	gd_lwr_vec *acc, *xi, *scale;	/* nc: error so far; of the best; weight in the choice */
 	gd_lwr_vec *best, *best_l, *best_inv;
 	gd_lwr_vec *other, *other_b;	/* of the planes beyond the colour */
-	gd_lwr_vec least, radius, features;	/* of the best: error, its columns in use */
-	gd_lwr_vec pixels, used;
+	gd_lwr_vec least, radius, features;	/* of the best: error, its features in use */
+	gd_lwr_vec pixels, used, helping;	/* columns in use, the features among them */
 	double *rings, *start;	/* as published: moments and sums of each ring; 9 pixels */
 	double *model;			/* one lane's: ny * p, then nc */
 };

@@ -77,6 +77,8 @@ static void take(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int i, vec
 	in = (d > least) & (t->used < GD_LWR_SHARE * t->pixels);
 	t->inv[i] = pick(in, inverse_root(pick(in, d, splat(1))), (vec){ 0 });
 	t->used -= __builtin_convertvector(in, vec);
+	if (i >= 3)
+		t->helping -= __builtin_convertvector(in, vec);
 }
 
 /* Entries j .. j+n-1 of column i of L. */
@@ -104,7 +106,7 @@ static void decompose(const struct gd_lwr_plan *p, struct gd_lwr_batch *t)
 {
 	const int m = p->p + p->nc;
 
-	t->used = (vec){ 0 };
+	t->used = t->helping = (vec){ 0 };
 	for (int i = 0; i < p->p; i++) {
 		const vec *a = t->a + i * p->q;
 		vec d = a[i];
@@ -254,7 +256,7 @@ static void compare(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int r)
 		return;
 	t->least = pick(better, cost, t->least);
 	t->radius = pick(better, splat(r), t->radius);
-	t->features = pick(better, t->used, t->features);
+	t->features = pick(better, t->helping, t->features);
 	for (int c = 0; c < p->nc; c++)
 		t->xi[c] = pick(better, t->acc[c] * over, t->xi[c]);
 	take_over(t->best, t->b, better, p->p * p->nc);

@@ -243,7 +243,7 @@ static void keep(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, int l, con
 		t->xi[c][l] = xi[c];
 	t->least[l] = cost;
 	t->radius[l] = radius;
-	t->features[l] = o ? o->n : 1;
+	t->features[l] = o ? o->n - 3 : 0;
 }
 
 /* Moments of the rings 1 .. R, one after the other from t->rings on; returns how many there are. */

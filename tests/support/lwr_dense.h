@@ -435,7 +435,7 @@ static inline size_t against_dense(struct scene s, struct gd_lwr_conf conf)
 				(void)rel;
 				models++;
 				for (int k = 0; k < best.p; k++)
-					used += best.in[k];
+					used += k >= 3 && best.in[k];
 				sum[(cy[j] * s.w + cx[i]) * 12 + 11] = 1;
 				for (int k = 0; k < best.n; k++) {
 					double *to = sum + best.at[k] * 12;
