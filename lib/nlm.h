@@ -28,7 +28,8 @@ struct gd_nlm_conf {
 	double k;	/* distance that counts as 1, in standard deviations, 0.01 .. 100 */
 	double eps;	/* variance that is always there, relative to the guide's, 1e-12 .. 1 */
 	/* A pixel stays as it is where the variances of all guide planes are at most this, relative
-	 * to the guides' own, 0 .. 1; 0: every pixel is filtered. */
+	 * to the guides' own, and those of five neighbours are not more; 0 .. 1; 0: every pixel is
+	 * filtered. */
 	double negligible;
 	bool round;	/* the window is a disc: dx^2 + dy^2 <= window^2 + 1 */
 };
