@@ -9,10 +9,10 @@
  * into view) a pixel starts anew, and where a frame disagrees with its prediction by more than the
  * errors of both, the past counts less.
  * Source: Moon, Iglesias-Guitian, Yoon, Mitchell, Adaptive Rendering with Linear Predictions
- * (2015), section 6. Differs: time is counted anew at each frame, frames weigh by their estimated
- * error (s2), a new pixel's slope is held towards 0, the forgetting adapts, the search follows
- * motion beyond its window, floors on both of its factors; conf.paper takes all but the first and
- * the last away.
+ * (2015), section 6. Differs: time is counted anew at each frame, both factors of the search have
+ * floors, frames weigh by their estimated error (s2), a new pixel's slope is held towards 0, models
+ * follow a change of the whole image's light, the forgetting adapts, the search follows motion
+ * beyond its window; conf.paper takes all but the first two away.
  */
 #ifndef GD_TEMPORAL_H
 #define GD_TEMPORAL_H

@@ -11,7 +11,7 @@
 
 /* Squared, in distances of neighbouring pixels: farther apart are two places. */
 static const float far2 = 9;
-/* Below this distance a better place counts little; as above. A third of it halves no choice. */
+/* A distance below which nearer hardly counts, in the same unit. */
 static const float near2 = 0.06f;
 /* Share of near2 that a pixel's step on the screen counts, squared: settles ties. */
 static const float step2 = 0.02f;

@@ -280,16 +280,14 @@ static void test_light(void **state)
 
 	(void)state;
 	seq_new(&s, W, H);
-	for (int t = 0; t < 20; t++) {
+	for (int t = 0; t < 16; t++) {
 		fill(&s, 1, 0.01f, 0, 0);
 		add_noise(&s, 0.1);
-		for (int i = 0; i < 3 * W * H && t >= 15; i++)
+		for (int i = 0; i < 3 * W * H && t == 15; i++) {
 			gd_row(s.in.y[i % 3], i / 3 / W)[i / 3 % W] *= 2;
-		for (int i = 0; i < 3 * W * H && t >= 15; i++)
 			gd_row(s.in.mse[i % 3], i / 3 / W)[i / 3 % W] *= 4;
+		}
 		step(&s);
-		if (t == 15)
-			break;
 	}
 	for (int i = 0; i < 3 * W * H; i++) {
 		const double e = (double)gd_row(s.out.est[i % 3], i / 3 / W)[i / 3 % W] / 2 - 1;
@@ -448,10 +446,8 @@ static void test_damaged(void **state)
 	for (int y = 0; y < 30; y++)
 		for (int x = 0; x < 40; x++)
 			assert_true(fabsf(gd_row(s.out.est[1], y)[x] - 1) < 0.6f);
-	for (int y = 0; y < 30; y++)
-		for (int x = 0; x < 40; x++)
-			for (int i = 0; i < GD_TEMPORAL_PLANES; i++)
-				gd_row(s.out.state.plane[i], y)[x] = NAN;
+	for (int i = 0; i < GD_TEMPORAL_PLANES * 40 * 30; i++)
+		gd_row(s.out.state.plane[i / 1200], i / 40 % 30)[i % 40] = NAN;
 	step(&s);
 	check_finite(&s);
 	assert_int_equal(s.result.fresh, 40 * 30);
@@ -519,8 +515,6 @@ static void test_no_error(void **state)
 	for (int c = 0; c < 3; c++)
 		s.in.mse[c].v = s.out.mse[c].v = NULL;
 	for (int t = 0; t < 8; t++) {
-		struct gd_plane none = s.in.mse[0];
-
 		for (int i = 0; i < 3 * 30 * 20; i++) {
 			const int x = i / 3 % 30, y = i / 90;
 
@@ -529,7 +523,6 @@ static void test_no_error(void **state)
 		}
 		add_noise(&s, 0.1);
 		step(&s);
-		assert_null(none.v);
 	}
 	close_to(s.result.mean_frames, 8, 1e-9, "followed");
 	free(s.block);
@@ -581,22 +574,12 @@ static void compare(bool mirror, float scale, int threads, double tolerance)
 	free(b.block);
 }
 
-static void test_mirrored(void **state)
+static void test_alike(void **state)
 {
 	(void)state;
 	compare(true, 1, 2, 1e-5);
-}
-
-static void test_scaled(void **state)
-{
-	(void)state;
 	compare(false, 1024, 2, 0);
 	compare(false, 0x1p-20f, 2, 0);
-}
-
-static void test_threads(void **state)
-{
-	(void)state;
 	compare(false, 1, 1, 0);
 	compare(false, 1, 7, 0);
 }
@@ -705,9 +688,7 @@ int main(void)
 		cmocka_unit_test(test_extremes),
 		cmocka_unit_test(test_nowhere),
 		cmocka_unit_test(test_no_error),
-		cmocka_unit_test(test_mirrored),
-		cmocka_unit_test(test_scaled),
-		cmocka_unit_test(test_threads),
+		cmocka_unit_test(test_alike),
 		cmocka_unit_test(test_in_place),
 		cmocka_unit_test(test_channels),
 		cmocka_unit_test(test_refusals),
