@@ -1,181 +1,21 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Cross-fitted regression against images whose truth is known. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <cmocka.h>
-
-#include <float.h>
-#include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
+#include "../support/halves_case.h"
 
 #include <omp.h>
 
-#include "crossfit.h"
-
 #define W 70
 #define H 54
-#define FEATURES 3
 
-static float draw(unsigned seed, int c, int x, int y)
-{
-	uint64_t k =
-		((uint64_t)seed << 40) ^ ((uint64_t)c << 32) ^ ((uint64_t)x << 16) ^ (uint64_t)y;
-	double sum = 0;
-
-	for (int i = 0; i < 4; i++) {	/* variance 1 */
-		k += 0x9e3779b97f4a7c15u;
-		k = (k ^ (k >> 30)) * 0xbf58476d1ce4e5b9u;
-		k = (k ^ (k >> 27)) * 0x94d049bb133111ebu;
-		k ^= k >> 31;
-		sum += (double)(k >> 11) / 9007199254740992.0 - 0.5;
-	}
-	return (float)(sum * 1.7320508);
-}
-
-struct job {
-	int w, h;
-	struct gd_plane truth[3], est[9], mse[3], spread;
-	struct gd_crossfit_in in;
-	struct gd_crossfit_result result;
-};
-
-static struct gd_plane plane(int w, int h)
-{
-	return gd_plane_of(gd_calloc(gd_stride(w) * (size_t)h, sizeof(float)), w, h);
-}
-
-static double feature(int a, int x, int y)
-{
-	return a == 0	? (x / 9 + y / 7) % 3
-	       : a == 1 ? sin(0.2 * x) * cos(0.15 * y)
-			: 0.02 * (x + y);
-}
-
-/* Radiance that G-buffers explain wholly (bend 0), or less and less. */
-static double truth(int c, int x, int y, double bend)
-{
-	double v = 1.5 + 0.4 * feature(0, x, y) + 0.2 * (c + 1) * feature(1, x, y);
-
-	return v + bend * ((x - 30) * (x - 30) + (y - 20) * (y - 20) < 150) + 0.1 * c;
-}
-
-static struct job *make(int w, int h, int ny, double sigma, double bend)
-{
-	struct job *j = calloc(1, sizeof *j);
-
-	*j = (struct job){ .w = w, .h = h, .in = { .ny = ny, .nfeat = FEATURES }, .spread = plane(w, h) };
-	for (int c = 0; c < ny; c++) {
-		j->est[c] = plane(w, h);
-		j->in.y[0][c] = plane(w, h);
-		j->in.y[1][c] = plane(w, h);
-	}
-	for (int a = 0; a < FEATURES; a++)
-		j->in.feat[a] = plane(w, h);
-	for (int c = 0; c < 3; c++) {
-		j->truth[c] = plane(w, h);
-		j->mse[c] = plane(w, h);
-		j->in.var[c] = plane(w, h);
-	}
-	for (int y = 0; y < h; y++)
-		for (int x = 0; x < w; x++) {
-			for (int a = 0; a < FEATURES; a++)
-				gd_row(j->in.feat[a], y)[x] = (float)feature(a, x, y);
-			for (int c = 0; c < 3; c++) {
-				double t = truth(c, x, y, bend);
-
-				gd_row(j->truth[c], y)[x] = (float)t;
-				gd_row(j->in.var[c], y)[x] = (float)(sigma * sigma / 2);
-				for (int half = 0; half < 2; half++)
-					gd_row(j->in.y[half][c], y)[x] =
-						(float)(t + sigma * (double)draw((unsigned)half, c,
-										 x, y));
-			}
-		}
-	return j;
-}
-
-static void run(struct job *j, bool fast)
+static struct gd_crossfit_result run(struct job *j, bool fast)
 {
 	struct gd_crossfit_conf conf = { fast };
 	struct gd_crossfit_out out = { j->est, j->mse, j->spread };
+	struct gd_crossfit_result result;
 	struct gd_err err = { 0 };
 
-	assert_int_equal(gd_crossfit_run(&out, &j->in, &conf, &j->result, NULL, &err), GD_OK);
-}
-
-static void done(struct job *j)
-{
-	for (int c = 0; c < 9; c++)
-		free(j->est[c].v);
-	for (int c = 0; c < 9; c++) {
-		free(j->in.y[0][c].v);
-		free(j->in.y[1][c].v);
-	}
-	for (int a = 0; a < FEATURES; a++)
-		free(j->in.feat[a].v);
-	for (int c = 0; c < 3; c++) {
-		free(j->truth[c].v);
-		free(j->mse[c].v);
-		free(j->in.var[c].v);
-	}
-	free(j->spread.v);
-	free(j);
-}
-
-static double mean(struct gd_plane p)
-{
-	double s = 0;
-
-	for (int y = 0; y < p.h; y++)
-		for (int x = 0; x < p.w; x++)
-			s += (double)gd_row(p, y)[x];
-	return s / p.w / p.h;
-}
-
-static double square_error(const struct job *j)
-{
-	double s = 0;
-
-	for (int c = 0; c < 3; c++)
-		for (int y = 0; y < j->h; y++)
-			for (int x = 0; x < j->w; x++)
-				s += pow((double)gd_row(j->est[c], y)[x] -
-					 (double)gd_row(j->truth[c], y)[x], 2);
-	return s / (3.0 * j->w * j->h);
-}
-
-static double most_off(struct gd_plane a, struct gd_plane b)
-{
-	double most = 0;
-
-	for (int y = 0; y < a.h; y++)
-		for (int x = 0; x < a.w; x++)
-			most = fmax(most, fabs((double)gd_row(a, y)[x] - (double)gd_row(b, y)[x]));
-	return most;
-}
-
-/* a less than b, with both in the message. */
-static void below(double a, double b)
-{
-	if (!(a < b))
-		fail_msg("%g, expected below %g", a, b);
-}
-
-static void assert_sane(const struct job *j)
-{
-	for (int y = 0; y < j->h; y++)
-		for (int x = 0; x < j->w; x++) {
-			for (int c = 0; c < 3; c++) {
-				assert_true(isfinite(gd_row(j->est[c], y)[x]));
-				assert_true(isfinite(gd_row(j->mse[c], y)[x]));
-				assert_true(gd_row(j->mse[c], y)[x] >= 0);
-			}
-			assert_true(isfinite(gd_row(j->spread, y)[x]));
-		}
+	assert_int_equal(gd_crossfit_run(&out, &j->in, &conf, &result, NULL, &err), GD_OK);
+	return result;
 }
 
 static void test_linear_image_is_reproduced(void **state)
@@ -183,16 +23,14 @@ static void test_linear_image_is_reproduced(void **state)
 	struct job *j = make(W, H, 3, 0, 0);
 
 	(void)state;
-	run(j, false);
+	assert_int_equal(run(j, false).models, 4);
 	for (int c = 0; c < 3; c++)
 		below(most_off(j->est[c], j->truth[c]), 2e-3);
-	assert_int_equal(j->result.models, 4);
 	done(j);
 	j = make(W, H, 3, 0, 0);
-	run(j, true);
+	assert_int_equal(run(j, true).models, 1);
 	for (int c = 0; c < 3; c++)
 		below(most_off(j->est[c], j->truth[c]), 2e-3);
-	assert_int_equal(j->result.models, 1);
 	assert_true(mean(j->spread) == 0);	/* of one model */
 	done(j);
 }
@@ -202,12 +40,9 @@ static void test_constant_image(void **state)
 	struct job *j = make(W, H, 3, 0, 0);
 
 	(void)state;
+	fill(j, 0.25f, 0.25f, 0);
 	for (int c = 0; c < 3; c++)
-		for (int y = 0; y < H; y++)
-			for (int x = 0; x < W; x++) {
-				gd_row(j->in.y[0][c], y)[x] = gd_row(j->in.y[1][c], y)[x] = 0.25f;
-				gd_row(j->truth[c], y)[x] = 0.25f;
-			}
+		memcpy(j->truth[c].v, j->in.y[0][c].v, j->truth[c].stride * H * sizeof(float));
 	run(j, false);
 	for (int c = 0; c < 3; c++) {
 		below(most_off(j->est[c], j->truth[c]), 1e-5);
@@ -216,7 +51,7 @@ static void test_constant_image(void **state)
 	done(j);
 }
 
-/* Where the model is right, only the noise counts: four times the variance, four times the error. */
+/* Where the model is right only noise counts: four times the variance, four times the error. */
 static void test_error_falls_with_noise(void **state)
 {
 	double e[2], sigma[2] = { 0.2, 0.4 }, own[2];
@@ -257,12 +92,22 @@ static void test_what_features_miss(void **state)
 	done(j);
 }
 
-static void swap(struct gd_plane *a, struct gd_plane *b)
+/* A feature that shows it, too. */
+static void test_feature_of_the_other_half(void **state)
 {
-	struct gd_plane t = *a;
+	struct job *a = make(W, H, 3, 0.2, 1), *b = make(W, H, 3, 0.2, 1);
+	double own, e;
 
-	*a = *b;
-	*b = t;
+	(void)state;
+	add_feature(b, 0.06);
+	run(a, false);
+	run(b, false);
+	e = square_error_of(b, 0, W, &own);
+	below(e, 0.7 * square_error(a));
+	below(own, 4 * e);
+	below(e, 2 * own);
+	done(a);
+	done(b);
 }
 
 static void test_halves_swapped(void **state)
@@ -282,38 +127,6 @@ static void test_halves_swapped(void **state)
 	done(b);
 }
 
-/* The value at x, y of the image mirrored (1: x, 2: y). */
-static void mirror(struct gd_plane p, int how)
-{
-	struct gd_plane t = plane(p.w, p.h);
-
-	for (int y = 0; y < p.h; y++)
-		for (int x = 0; x < p.w; x++)
-			gd_row(t, y)[x] =
-				gd_row(p, how == 2 ? p.h - 1 - y : y)[how == 1 ? p.w - 1 - x : x];
-	memcpy(p.v, t.v, p.stride * (size_t)p.h * sizeof(float));
-	free(t.v);
-}
-
-static void transpose(struct gd_plane *p)
-{
-	struct gd_plane t = plane(p->h, p->w);
-
-	for (int y = 0; y < p->h; y++)
-		for (int x = 0; x < p->w; x++)
-			gd_row(t, x)[y] = gd_row(*p, y)[x];
-	free(p->v);
-	*p = t;
-}
-
-static void turn(struct gd_plane *p, int how)
-{
-	if (how == 3)
-		transpose(p);
-	else
-		mirror(*p, how);
-}
-
 static void test_turned(void **state)
 {
 	struct job *a = make(W, H, 3, 0.3, 0.5);
@@ -323,20 +136,11 @@ static void test_turned(void **state)
 	for (int how = 1; how <= 3; how++) {
 		struct job *b = make(W, H, 3, 0.3, 0.5);
 
-		for (int c = 0; c < 3; c++) {
-			turn(&b->in.y[0][c], how);
-			turn(&b->in.y[1][c], how);
-			turn(&b->in.var[c], how);
-			turn(&b->in.feat[c], how);
-			turn(&b->est[c], how);
-			turn(&b->mse[c], how);
-		}
-		turn(&b->spread, how);
+		turn_all(b, how);
 		run(b, false);
-		for (int c = 0; c < 3; c++) {
-			turn(&b->est[c], how);
+		turn_all(b, how);
+		for (int c = 0; c < 3; c++)
 			below(most_off(a->est[c], b->est[c]), 1e-4);
-		}
 		done(b);
 	}
 	done(a);
@@ -368,18 +172,14 @@ static void test_scaled(void **state)
 		struct job *b = make(W, H, 3, 0.3, 0.5);
 		float s = scales[i];
 
-		for (int c = 0; c < 3; c++)
-			for (int y = 0; y < H; y++)
-				for (int x = 0; x < W; x++) {
-					gd_row(b->in.y[0][c], y)[x] *= s;
-					gd_row(b->in.y[1][c], y)[x] *= s;
-					gd_row(b->in.var[c], y)[x] *= s * s;
-				}
+		for (int c = 0; c < 3; c++) {
+			times(b->in.y[0][c], s);
+			times(b->in.y[1][c], s);
+			times(b->in.var[c], s * s);
+		}
 		run(b, false);
 		for (int c = 0; c < 3; c++) {
-			for (int y = 0; y < H; y++)
-				for (int x = 0; x < W; x++)
-					gd_row(b->est[c], y)[x] /= s;
+			times(b->est[c], 1 / s);
 			below(most_off(a->est[c], b->est[c]), 2e-4);
 			below(fabs(mean(b->mse[c]) / ((double)s * (double)s) / mean(a->mse[c]) - 1),
 			      1e-3);
@@ -415,34 +215,17 @@ static void test_threads(void **state)
 /* Planes 3..5 and 6..8 add up to the colour before and after. */
 static void test_layers_add_up(void **state)
 {
-	struct job *j = make(W, H, 9, 0.3, 0.5);
-
 	(void)state;
 	for (int whole = 0; whole < 2; whole++) {
-		for (int half = 0; half < 2; half++)
-			for (int c = 0; c < 3; c++)
-				for (int y = 0; y < H; y++)
-					for (int x = 0; x < W; x++) {
-						float all = gd_row(j->in.y[half][c], y)[x];
-						float part = 0.3f * all + draw(9, c, x, y) * 0.1f;
+		struct job *j = make(W, H, PLANES, 0.3, 0.5);
 
-						gd_row(j->in.y[half][3 + c], y)[x] = part;
-						gd_row(j->in.y[half][6 + c], y)[x] = all - part;
-					}
-		if (whole) {
-			j->in.ny = 3;
-			j->in.nwhole = 9;
-			memcpy(j->in.whole, j->in.y[0], sizeof j->in.whole);
-		}
+		split_layers(j);
+		if (whole)
+			make_whole(j);
 		run(j, false);
-		for (int c = 0; c < 3; c++)
-			for (int y = 0; y < H; y++)
-				for (int x = 0; x < W; x++)
-					below(fabs((double)gd_row(j->est[c], y)[x] -
-						   (double)gd_row(j->est[3 + c], y)[x] -
-						   (double)gd_row(j->est[6 + c], y)[x]), 2e-5);
+		below(most_missing(j), 2e-5);
+		done(j);
 	}
-	done(j);
 }
 
 /* A half of twice the samples counts twice. */
@@ -450,24 +233,15 @@ static void test_shares(void **state)
 {
 	struct job *even = make(W, H, 3, 0.3, 0), *odd = make(W, H, 3, 0.3, 0);
 	struct gd_crossfit_conf conf = { false };
+	struct gd_crossfit_result result;
 
 	(void)state;
-	for (int i = 0; i < 2; i++) {
-		struct job *j = i ? odd : even;
-
-		for (int c = 0; c < 3; c++)
-			for (int y = 0; y < H; y++)
-				for (int x = 0; x < W; x++) /* the second: 4 times the variance */
-					gd_row(j->in.y[1][c], y)[x] += gd_row(j->in.y[1][c], y)[x] -
-								       gd_row(j->truth[c], y)[x];
-	}
+	more_noise(even, 1, 0, W, 2);
+	more_noise(odd, 1, 0, W, 2);
 	odd->in.share[0] = 0.8;
 	odd->in.share[1] = 0.2;
-	for (int c = 0; c < 3; c++) {
-		free(even->in.var[c].v);
-		free(odd->in.var[c].v);
-		even->in.var[c].v = odd->in.var[c].v = NULL;
-	}
+	drop_var(even);
+	drop_var(odd);
 	run(even, false);
 	run(odd, false);
 	below(square_error(odd), 0.85 * square_error(even)); /* 0.072 against 0.1125 of the noise */
@@ -475,10 +249,29 @@ static void test_shares(void **state)
 	below(square_error(odd), 2 * mean(odd->mse[0]));
 	odd->in.share[0] = 0.9;
 	assert_int_equal(gd_crossfit_run(&(struct gd_crossfit_out){odd->est, odd->mse, odd->spread},
-					 &odd->in, &conf, &odd->result, NULL, NULL),
+					 &odd->in, &conf, &result, NULL, NULL),
 			 GD_EARG);
 	done(even);
 	done(odd);
+}
+
+static void test_counts(void **state)
+{
+	(void)state;
+	for (int i = 0; i < 2; i++) {
+		struct job *j = make(W, H, 3, 0.2, 0.5);
+		double own, e;
+
+		if (i)
+			add_feature(j, 0.06);
+		count_samples(j);
+		run(j, false);
+		e = square_error_of(j, 0, W, &own);
+		below(e, i ? 0.0008 : 0.004);
+		below(e, 5 * own);
+		below(own, 4 * e);
+		done(j);
+	}
 }
 
 static void test_no_halves(void **state)
@@ -488,9 +281,7 @@ static void test_no_halves(void **state)
 	(void)state;
 	j->in.self = true;
 	for (int c = 0; c < 3; c++)
-		for (int y = 0; y < H; y++)
-			for (int x = 0; x < W; x++)
-				gd_row(j->in.var[c], y)[x] = 0.04f;
+		times(j->in.var[c], 2);	/* of the samples that are used */
 	run(j, false);
 	below(square_error(j), 0.04 / 4);
 	below(mean(j->mse[0]), 4 * square_error(j));
@@ -499,12 +290,6 @@ static void test_no_halves(void **state)
 }
 
 /* ---- what renders may hold ---- */
-
-static void set(struct job *j, int half, int x, int y, float v)
-{
-	for (int c = 0; c < 3; c++)
-		gd_row(j->in.y[half][c], y)[x] = v;
-}
 
 static void test_fireflies(void **state)
 {
@@ -517,15 +302,13 @@ static void test_fireflies(void **state)
 
 			set(j, 0, 33, 20, bright[i]);
 			set(j, 1, 8, 40, bright[i]);
-			for (int c = 0; c < 3; c++) {
+			if (v)
+				drop_var(j);
+			for (int c = 0; c < 3 && !v; c++) {
 				double half = (double)bright[i] / 2;
 
 				gd_row(j->in.var[c], 20)[33] = (float)fmin(half * half, FLT_MAX);
 				gd_row(j->in.var[c], 40)[8] = (float)fmin(half * half, FLT_MAX);
-				if (v) {
-					free(j->in.var[c].v);
-					j->in.var[c].v = NULL;
-				}
 			}
 			run(j, false);
 			assert_sane(j);
@@ -535,17 +318,6 @@ static void test_fireflies(void **state)
 						below(fabs((double)gd_row(j->est[c], y)[x]), 1000);
 			done(j);
 		}
-}
-
-static void fill(struct job *j, float v0, float v1, float var)
-{
-	for (int c = 0; c < 3; c++)
-		for (int y = 0; y < j->h; y++)
-			for (int x = 0; x < j->w; x++) {
-				gd_row(j->in.y[0][c], y)[x] = v0;
-				gd_row(j->in.y[1][c], y)[x] = v1;
-				gd_row(j->in.var[c], y)[x] = var;
-			}
 }
 
 static void test_extremes(void **state)
@@ -626,20 +398,20 @@ static void test_refused(void **state)
 	struct job *j = make(8, 8, 3, 0.1, 0);
 	struct gd_crossfit_out out = { j->est, j->mse, j->spread };
 	struct gd_crossfit_conf conf = { false };
+	struct gd_crossfit_result result;
 	struct gd_err err = { 0 };
 
 	(void)state;
 	j->in.nfeat = GD_CROSSFIT_FEATURES + 1;
-	assert_int_equal(gd_crossfit_run(&out, &j->in, &conf, &j->result, NULL, &err), GD_EARG);
+	assert_int_equal(gd_crossfit_run(&out, &j->in, &conf, &result, NULL, &err), GD_EARG);
 	assert_non_null(strstr(err.text, "26 feature planes"));
 	j->in.nfeat = 0;
 	j->in.ny = 2;
-	assert_int_equal(gd_crossfit_run(&out, &j->in, &conf, &j->result, NULL, NULL), GD_EARG);
+	assert_int_equal(gd_crossfit_run(&out, &j->in, &conf, &result, NULL, NULL), GD_EARG);
 	j->in.ny = 3;
 	j->in.self = true;
-	free(j->in.var[0].v);
-	j->in.var[0].v = NULL;
-	assert_int_equal(gd_crossfit_run(&out, &j->in, &conf, &j->result, NULL, NULL), GD_EARG);
+	drop(&j->in.var[0]);
+	assert_int_equal(gd_crossfit_run(&out, &j->in, &conf, &result, NULL, NULL), GD_EARG);
 	done(j);
 }
 
@@ -650,6 +422,7 @@ int main(void)
 		cmocka_unit_test(test_constant_image),
 		cmocka_unit_test(test_error_falls_with_noise),
 		cmocka_unit_test(test_what_features_miss),
+		cmocka_unit_test(test_feature_of_the_other_half),
 		cmocka_unit_test(test_halves_swapped),
 		cmocka_unit_test(test_turned),
 		cmocka_unit_test(test_channels_permuted),
@@ -657,6 +430,7 @@ int main(void)
 		cmocka_unit_test(test_threads),
 		cmocka_unit_test(test_layers_add_up),
 		cmocka_unit_test(test_shares),
+		cmocka_unit_test(test_counts),
 		cmocka_unit_test(test_no_halves),
 		cmocka_unit_test(test_fireflies),
 		cmocka_unit_test(test_extremes),
