@@ -370,6 +370,23 @@ static inline void count_samples(struct job *j)
 	drop_var(j);
 }
 
+#define ODD 5
+
+/* The last feature says nothing, the same as the first, or sits far from 0. */
+static inline void spoil_feature(struct job *j, int odd)
+{
+	for (int y = 0; y < j->h; y++)
+		for (int x = 0; x < j->w; x++) {
+			float *f = gd_row(j->in.feat[2], y) + x;
+
+			*f = odd == 0	? 7
+			     : odd == 1 ? gd_row(j->in.feat[0], y)[x]
+			     : odd == 2 ? 1e8f + 64 * (float)x
+			     : odd == 3 ? (x < 9 ? 3e38f : *f)
+					: 1e-40f * (float)x;
+		}
+}
+
 /* All pixels alike. */
 static inline void fill(struct job *j, float v0, float v1, float var)
 {
