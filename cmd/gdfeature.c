@@ -43,7 +43,7 @@ static void tell(struct gd_cli *cli, const struct gd_feature_conf *conf,
 			"%d neighbours without world positions (the layer P in all frames): "
 			"windows of the filter span all frames", res->frames - res->followed);
 	if (res->filtered)
-		gd_note(&cli->report, "filter: %dx%d patches, %dx%d window, k %g, %.3f s",
+		gd_note(&cli->report, "filter: %dx%d patches, round window of %dx%d, k %g, %.3f s",
 			2 * conf->nlm.patch + 1, 2 * conf->nlm.patch + 1, 2 * conf->nlm.window + 1,
 			2 * conf->nlm.window + 1, conf->nlm.k, res->filter_seconds);
 	if (conf->layers)

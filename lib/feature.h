@@ -45,9 +45,14 @@ struct gd_feature_conf {
 	int neighbours;			/* 0 .. GD_FEATURE_FRAMES */
 };
 
+/*
+ * Of a solution for a regression 1e-3 is enough: at 1e-2 the denoised image is 1 % worse, below 3e-3
+ * nothing changes any more. A round window is as good as a square one, and a quarter smaller.
+ */
 #define GD_FEATURE_DEFAULTS ((struct gd_feature_conf){ \
-	.solve = GD_FEATURE_WLS, .bagging = true, .filter = true, .boot = GD_BOOT_DEFAULTS, \
-	.nlm = GD_NLM_DEFAULTS, \
+	.solve = GD_FEATURE_WLS, .bagging = true, .filter = true, \
+	.boot = { 10, 1, 0.1, 1.0, 1e-3, 1e-1, 2.0 }, \
+	.nlm = { .patch = 3, .window = 5, .k = 0.5, .eps = 1e-6, .round = true }, \
 	.nlm_frames = { .patch = 3, .window = 0, .k = 0.7, .eps = 1e-6 }, \
 	.nlm_layers = { .patch = 3, .window = 5, .k = 0.85, .eps = 1e-6 } })
 
