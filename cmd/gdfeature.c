@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* gdfeature: an image made from the gradients, bagged and filtered, for a regression to lean on. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "cli.h"
@@ -181,7 +180,6 @@ int main(int argc, char **argv)
 		rc = run(&cli, &im, &conf, &neighbours, &err);
 	for (int i = 0; i < GD_FEATURE_FRAMES; i++)
 		gd_image_free(&neighbour[i]);
-	free(neighbours.v);
 	gd_image_free(&im);
 	return gd_cli_finish(&cli, rc, &err);
 }
