@@ -50,7 +50,6 @@ static int tool(int argc, char **argv)
 	       keep, map.n, cli.input, cli.output, cli.threads);
 	for (int i = 0; i < words.n; i++)
 		printf("%s%s", words.v[i], i + 1 < words.n ? " " : "\n");
-	free(words.v);
 	gd_note(&cli.report, "a note of %d words", 4);
 	gd_cli_warn(&cli, "a warning");
 	gd_cli_stat(&cli, "residual", 0.25);
