@@ -134,7 +134,7 @@ int main(int argc, char **argv)
 		GD_NUM('r', "radius", "PIXELS", &conf.lwr.radius, 1, GD_LWR_RADIUS,
 		       "largest window radius"),
 		GD_NUM(0, "granularity", "PIXELS", &opt.granularity, -1, WIDEST,
-		       "distance of the first models; 0: the width of the largest window; -1: 4"),
+		       "distance of the first models; 0: the width of the largest window; -1: 5"),
 		GD_FLAG(0, "dense", &conf.lwr.dense, "a model at every pixel"),
 		GD_FLAG(0, "paper", &opt.paper,
 			"the method as published: all samples, its own error"),

@@ -48,7 +48,7 @@ struct gd_lwr_conf {
 	double flat;		/* pull of feature slopes, in squares of the feature's range */
 };
 #define GD_LWR_DEFAULTS ((struct gd_lwr_conf){ \
-	.radius = 9, .per_column = 5, .granularity = 4, .feature_noise = 1, .ridge = 1e-3, .flat = 3e-5 })
+	.radius = 9, .per_column = 5, .granularity = 5, .feature_noise = 1, .ridge = 1e-3, .flat = 3e-5 })
 
 /*
  * Planes of one size, all finite (gd_apr_clean() makes them so).
