@@ -9,8 +9,10 @@
 
 #include "apr_prep.h"
 
-/* Features and their variances, both halves of what is denoised; colour variances, positions,
- * counts. */
+/*
+ * Most copies: features and their variances, both halves of what is denoised; variances of the
+ * colour (3), positions (3), counts (2), both halves of the crossed feature (8).
+ */
 #define COPIES (2 * GD_APR_FEATURES + 2 * GD_APR_RHS + 16)
 
 int gd_denoise_new_planes(struct gd_plane *p, int n, struct gd_plane like, struct gd_err *err)
@@ -165,7 +167,24 @@ static int half_planes(struct denoise_job *job, const char *layer, struct gd_pla
 	return rc;
 }
 
-/* Fills in the halves: colour and layers, and the crossed features. */
+/* Both halves of the crossed feature, once, however often it is named. */
+static int fill_crossed(struct denoise_job *job, struct gd_crossfit_in *in, struct gd_err *err)
+{
+	bool crossed = false;
+	char name[256];
+	int rc = GD_OK;
+
+	for (int i = 0; i < job->features.n; i++)
+		crossed = crossed || gd_denoise_crossed(job, job->features.name[i]);
+	for (int h = 0; h < 2 && crossed && rc == GD_OK; h++) {
+		gd_denoise_part(name, "half", h, "feature");
+		in->nfeature = gd_layer_planes(job->im, name, in->feature[h]);
+		rc = own(job, in->feature[h], in->nfeature, err);
+	}
+	return rc;
+}
+
+/* Fills in the halves: colour and layers, and the crossed feature. */
 static int fill_halves(struct denoise_job *job, struct gd_crossfit_in *in, size_t *mended,
 		       struct gd_err *err)
 {
@@ -176,16 +195,9 @@ static int fill_halves(struct denoise_job *job, struct gd_crossfit_in *in, size_
 				 err);
 		in->ny += n;
 	}
+	if (rc == GD_OK)
+		rc = fill_crossed(job, in, err);
 	for (int h = 0; h < 2; h++) {
-		char name[256];
-
-		for (int i = 0; i < job->features.n && rc == GD_OK; i++) {
-			if (!gd_denoise_crossed(job, job->features.name[i]))
-				continue;
-			gd_denoise_part(name, "half", h, "feature");
-			in->nfeature = gd_layer_planes(job->im, name, in->feature[h]);
-			rc = own(job, in->feature[h], in->nfeature, err);
-		}
 		for (int c = 0; c < in->ny && rc == GD_OK; c++)
 			rc = gd_apr_clean(in->y[h][c], (struct gd_plane){ 0 }, mended, err);
 		for (int c = 0; c < in->nfeature && rc == GD_OK; c++)

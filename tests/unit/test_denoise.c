@@ -254,6 +254,30 @@ static void test_keep_and_drop(void **state)
 	}
 }
 
+/* A feature of either half that is named as often as a list can: there is one of it. */
+static void test_named_often(void **state)
+{
+	struct gd_denoise_conf conf = GD_DENOISE_DEFAULTS;
+	struct gd_image im[2] = { { 0 } };
+	char list[8 * 48] = "feature";
+
+	(void)state;
+	conf.keep = true;
+	conf.fast = true;
+	for (int often = 0; often < 2; often++) {
+		frame(&im[often], "half", 2);
+		add(&im[often], "half0.feature", 3, 1, 0.1, 21);
+		add(&im[often], "half1.feature", 3, 1, 0.1, 22);
+		for (int i = 1; i < 48 && often; i++)
+			strcat(list, ",feature");
+		conf.features = list;
+		assert_int_equal(run(&im[often], &conf, NULL), GD_OK);
+	}
+	assert_true(off(plane(&im[0], "R"), plane(&im[1], "R")) == 0);
+	gd_image_free(&im[0]);
+	gd_image_free(&im[1]);
+}
+
 /* Scalar channels of those names are no bins; half a set of halves is none. */
 static void test_look_alikes(void **state)
 {
@@ -510,6 +534,7 @@ int main(void)
 		cmocka_unit_test(test_missing), cmocka_unit_test(test_refused),
 		cmocka_unit_test(test_too_many_features), cmocka_unit_test(test_bins_as_halves),
 		cmocka_unit_test(test_odd_bins), cmocka_unit_test(test_keep_and_drop),
+		cmocka_unit_test(test_named_often),
 		cmocka_unit_test(test_look_alikes), cmocka_unit_test(test_no_numbers),
 		cmocka_unit_test(test_linear), cmocka_unit_test(test_sequence),
 		cmocka_unit_test(test_neighbours), cmocka_unit_test(test_counts),
