@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "denoise_job.h"
+#include "halves.h"
 #include "lwrfit.h"
 
 static int add_model(struct gd_image *im, struct gd_lwrfit_model *model, struct gd_err *err)
@@ -17,21 +18,6 @@ static int add_model(struct gd_image *im, struct gd_lwrfit_model *model, struct 
 	return rc;
 }
 
-static double mean_of(struct gd_plane p)
-{
-	double sum = 0;
-
-	for (int y = 0; y < p.h; y++) {
-		const float *v = gd_row(p, y);
-		double row = 0;
-
-		for (int x = 0; x < p.w; x++)
-			row += (double)v[x];
-		sum += row;
-	}
-	return sum / ((double)p.w * (double)p.h);
-}
-
 /* What was built, for a report and for figures. */
 static void tell(const struct gd_lwrfit_model *model, size_t models, double mean_radius,
 		 struct gd_denoise_result *result, const struct gd_report *report)
@@ -41,7 +27,7 @@ static void tell(const struct gd_lwrfit_model *model, size_t models, double mean
 	result->models = models;
 	result->share = (double)models / (result->halves ? 2 * pixels : pixels);
 	result->mean_radius = mean_radius;
-	result->mean_features = mean_of(model->features);
+	result->mean_features = gd_halves_mean(model->features);
 	gd_note(report, "%zu models%s: one for %.1f %% of the pixels; mean radius %.2f, "
 		"%.1f features in use", models, result->halves ? " of both halves" : "",
 		100 * result->share, mean_radius, result->mean_features);

@@ -67,6 +67,20 @@ bool gd_halves_constant(struct gd_plane p)
 	return (double)hi - (double)lo <= 1e-5 * fmax(fabs((double)lo), fabs((double)hi));
 }
 
+double gd_halves_mean(struct gd_plane p)
+{
+	double sum = 0;
+
+	for (int y = 0; y < p.h; y++) {
+		double row = 0;
+
+		for (int x = 0; x < p.w; x++)
+			row += (double)gd_row(p, y)[x];
+		sum += row;
+	}
+	return sum / ((double)p.w * p.h);
+}
+
 /* ---- what goes in ---- */
 
 int gd_halves_check(struct gd_crossfit_in *in, struct gd_err *err)
@@ -88,8 +102,8 @@ int gd_halves_check(struct gd_crossfit_in *in, struct gd_err *err)
 		in->share[0] = in->share[1] = 0.5;
 	if (!(in->share[0] > 0 && in->share[1] > 0 &&
 	      fabs(in->share[0] + in->share[1] - 1) < 1e-6))
-		return gd_fail(err, GD_EARG, "halves hold %g and %g of the samples, expected shares "
-			       "of 1", in->share[0], in->share[1]);
+		return gd_fail(err, GD_EARG, "halves hold %g and %g of the samples, expected "
+			       "shares of 1", in->share[0], in->share[1]);
 	return GD_OK;
 }
 
@@ -270,11 +284,11 @@ static void cut_firefly(struct gd_crossfit_in *in, int half, int x, int y, doubl
 	double here = gd_halves_luminance(in->y[half], x, y);
 	double share = gd_halves_share(in, half, x, y);
 	double other = in->nwhole ? gd_halves_luminance(in->y[1 - half], x, y) : 0;
-	double times = limit / here, rest = (1 - share) * other;
+	double times = limit / here, rest = (1 - share) * other, all = share * here + rest;
 
 	times_pixel(in->y[half], in->ny, x, y, times);
-	times_pixel(in->whole, in->nwhole, x, y,
-		    (share * limit + rest) / (share * here + rest));
+	if (all > 0)	/* or the half has no samples here, and the other one no light */
+		times_pixel(in->whole, in->nwhole, x, y, (share * limit + rest) / all);
 }
 
 /* Cuts those of one frame. */
@@ -341,21 +355,6 @@ int gd_halves_weight(struct gd_plane weight, const struct gd_plane *rgb, struct 
 	return GD_OK;
 }
 
-/* The mean of a plane's values, in the order of rows. */
-static double mean_of(struct gd_plane p)
-{
-	double sum = 0;
-
-	for (int y = 0; y < p.h; y++) {
-		double row = 0;
-
-		for (int x = 0; x < p.w; x++)
-			row += (double)gd_row(p, y)[x];
-		sum += row;
-	}
-	return sum / ((double)p.w * p.h);
-}
-
 void gd_halves_weigh_count(struct gd_plane weight, const struct gd_crossfit_in *in, int half)
 {
 	struct gd_plane count = in->count[half];
@@ -363,7 +362,7 @@ void gd_halves_weigh_count(struct gd_plane weight, const struct gd_crossfit_in *
 
 	if (!count.v)
 		return;
-	mean = mean_of(count);
+	mean = gd_halves_mean(count);
 	mean = mean > 0 ? mean : 1;
 	least = 1e-6 * mean;
 #pragma omp parallel for schedule(static)
@@ -472,7 +471,7 @@ static void join(const struct gd_crossfit_out *out, const struct gd_plane *other
 	for (int c = 0; c < gd_halves_nest(in); c++) {
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < other[c].h; y++) {
-			const float *b = gd_row(other[c], y);	/* a again, where there are no halves */
+			const float *b = gd_row(other[c], y);	/* without halves: a again */
 			const float *s = share.v ? gd_row(share, y) : NULL;
 			float *a = gd_row(out->est[c], y);
 			float *m = c < 3 ? gd_row(out->mse[c], y) : NULL;

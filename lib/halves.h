@@ -62,6 +62,9 @@ static inline double gd_halves_luminance(const struct gd_plane *rgb, int x, int 
  */
 bool gd_halves_constant(struct gd_plane p);
 
+/* The mean of a plane, added up row by row. */
+double gd_halves_mean(struct gd_plane p);
+
 /* ---- what goes in ---- */
 
 /* Independent parts of the samples: 2, or 1 with in->self. */

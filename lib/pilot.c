@@ -19,6 +19,9 @@ static int pilot_variance(struct gd_plane var[3], struct gd_plane spare,
 				double d = (double)a[x] - (double)b[x];
 				double share = gd_halves_share(in, half, x, y);
 
+				/* a half without samples here holds what all of them say */
+				if (known && !(share > 0))
+					share = 1;
 				to[x] = gd_halves_square(known ? 1 / share * (double)known[x] :
 							 (1 - share) * d * d);
 			}

@@ -12,6 +12,7 @@
 
 #include "apr.h"
 #include "halves.h"
+#include "pilot.h"
 
 #define W 37
 #define H 23
@@ -360,6 +361,42 @@ static void test_no_samples(void **state)
 	free_job(j);
 }
 
+/* A pixel that one half has no samples of, nor light in the other: nothing infinite comes of it. */
+static void test_one_sided(void **state)
+{
+	const struct gd_nlr_conf narrow = GD_PILOT_NARROW;
+	const struct gd_pilot_features none = { 0 };
+	struct job *j = new_job();
+
+	(void)state;
+	new_planes(j->in.whole, 3);
+	new_planes(j->in.var, 3);
+	j->in.nwhole = 3;
+	for (int h = 0; h < 2; h++)
+		fill(j->in.count[h], 1);
+	gd_row(j->in.count[0], 5)[5] = gd_row(j->in.count[0], 9)[9] = 0;
+	for (int c = 0; c < 3; c++) {
+		for (int h = 0; h < 2; h++)
+			fill(j->in.y[h][c], 1);
+		fill(j->in.whole[c], 1);
+		fill(j->in.var[c], 1);
+		gd_row(j->in.y[0][c], 5)[5] = 1e9f;
+		gd_row(j->in.y[1][c], 5)[5] = gd_row(j->in.var[c], 5)[5] = 0;
+	}
+	assert_int_equal(gd_halves_check(&j->in, NULL), GD_OK);
+	assert_int_equal(gd_halves_cut(&j->in, NULL), GD_OK);
+	close_to((double)gd_row(j->in.whole[0], 5)[5], 1, 0);
+	assert_int_equal(gd_pilot_make(j->est, &j->in, 0, &none, &narrow, j->mse, j->spare, NULL),
+			 GD_OK);
+	for (int y = 0; y < H; y++)
+		for (int x = 0; x < W; x++)
+			assert_true(gd_row(j->mse[0], y)[x] > 1.5f &&
+				    gd_row(j->mse[0], y)[x] < 2.1f);
+	gd_halves_free(j->in.whole, 3);
+	gd_halves_free(j->in.var, 3);
+	free_job(j);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -367,7 +404,8 @@ int main(void)
 		cmocka_unit_test(test_weight), cmocka_unit_test(test_scale),
 		cmocka_unit_test(test_add), cmocka_unit_test(test_finish),
 		cmocka_unit_test(test_mean_is_kept), cmocka_unit_test(test_cut),
-		cmocka_unit_test(test_counts_are_optimal), cmocka_unit_test(test_no_samples)
+		cmocka_unit_test(test_counts_are_optimal), cmocka_unit_test(test_no_samples),
+		cmocka_unit_test(test_one_sided)
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
