@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "camera.h"
+#include "follow.h"
 #include "halves.h"
 
 #define SIDE	7
@@ -16,8 +16,6 @@
 #define DETAIL	2.0	/* times their noise are squares of differences, where heavy tails are */
 #define DARK	0.3	/* of the image's level: below it, differences count as they are */
 #define ROUNDING 1e-8	/* squared: light that differs by 1e-4 is the same */
-#define NEAR	2.0	/* pixels' sizes between points that are the same surface */
-#define LENS	2.0	/* pixels off: projection does not tell where points are */
 
 enum { U = 0, V = 3, D = 6, E = 9, Q = 12, COVER = 15, SPARE, WEIGHT, PLANES };
 
@@ -29,8 +27,6 @@ struct work {
 	struct gd_plane plane[PLANES];
 	int *at;		/* the other frame's pixel y * w + x, -1: none */
 	double dark;
-	struct gd_camera own, other;
-	bool lens, project;	/* own is known; and so is other */
 };
 
 /* Where pixel x, y is in the other frame. */
@@ -41,69 +37,7 @@ static int *pixel_at(const struct work *w, int x, int y)
 
 /* ---- where a pixel is in another frame ---- */
 
-static bool missed(const struct gd_plane *p, int x, int y)
-{
-	return gd_row(p[0], y)[x] == 0 && gd_row(p[1], y)[x] == 0 && gd_row(p[2], y)[x] == 0;
-}
-
-static double apart(const struct gd_plane *p, int x, int y, const struct gd_plane *q, int u, int v)
-{
-	double s = 0;
-
-	for (int c = 0; c < 3; c++) {
-		double d = (double)gd_row(p[c], y)[x] - (double)gd_row(q[c], v)[u];
-
-		s += d * d;
-	}
-	return sqrt(s);
-}
-
-/*
- * Size of a pixel on the surface at x, y: the second nearest of the points of the pixels above,
- * below and beside is this far, which at an edge is still the same surface.
- */
-static double footprint(const struct gd_plane *p, int x, int y)
-{
-	static const int step[4][2] = { { -1, 0 }, { 1, 0 }, { 0, -1 }, { 0, 1 } };
-	double least = INFINITY, second = INFINITY;
-
-	for (int i = 0; i < 4; i++) {
-		int u = x + step[i][0], v = y + step[i][1];
-		double d;
-
-		if (u < 0 || v < 0 || u >= p->w || v >= p->h)
-			continue;
-		d = apart(p, x, y, p, u, v);
-		second = fmin(second, fmax(d, least));
-		least = fmin(least, d);
-	}
-	return isfinite(second) ? second : isfinite(least) ? least : 0;
-}
-
-/* The pixel of another frame that looks at what x, y looks at; false if that is outside. */
-static bool look(const struct work *w, const struct gd_plane *here, int x, int y, int *u, int *v)
-{
-	double p[3], x0, y0, x1, y1;
-
-	*u = x;
-	*v = y;
-	if (!w->project || missed(here, x, y))
-		return true;
-	for (int c = 0; c < 3; c++)
-		p[c] = (double)gd_row(here[c], y)[x];
-	if (!gd_camera_project(&w->own, p, &x0, &y0) || !gd_camera_project(&w->other, p, &x1, &y1))
-		return false;
-	/* a pixel's mean position is not where its centre is: the difference counts */
-	x1 += x - x0;
-	y1 += y - y0;
-	if (!(x1 > -0.5 && y1 > -0.5 && x1 < here->w - 0.5 && y1 < here->h - 0.5))
-		return false;
-	*u = (int)lrint(x1);
-	*v = (int)lrint(y1);
-	return *u < here->w && *v < here->h && *u >= 0 && *v >= 0;
-}
-
-/* Fills w->at, and w->cover with 0 and 1. */
+/* Fills w->at, and the plane COVER with 0 and 1. */
 static void find(struct work *w, const struct gd_crossfit_in *in,
 		 const struct gd_crossfit_frame *frame)
 {
@@ -111,19 +45,16 @@ static void find(struct work *w, const struct gd_crossfit_in *in,
 	struct gd_plane cover = w->plane[COVER];
 	bool known = here[0].v && there[0].v;
 
-	w->project = known && w->lens && gd_camera_fit(&w->other, there) && w->other.rms < LENS;
+	if (known)
+		gd_follow(w->at, here, there);
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < cover.h; y++)
 		for (int x = 0; x < cover.w; x++) {
-			int u = x, v = y;
-			bool same = !known || look(w, here, x, y, &u, &v);
+			int *at = pixel_at(w, x, y);
 
-			if (same && known)
-				same = missed(here, x, y) == missed(there, u, v) &&
-				       apart(here, x, y, there, u, v) <=
-					       NEAR * footprint(here, x, y);
-			*pixel_at(w, x, y) = same ? v * cover.w + u : -1;
-			gd_row(cover, y)[x] = same;
+			if (!known)
+				*at = y * cover.w + x;
+			gd_row(cover, y)[x] = *at >= 0;
 		}
 }
 
@@ -134,8 +65,10 @@ static double squash(double v, double dark)
 	return log(1 + fmax(v, 0) / dark);
 }
 
-/* Mean of the halves' logarithms in a pixel, and the variance of that mean as their difference
- * tells it (without halves: as var does). */
+/*
+ * Mean of the halves' logarithms in a pixel, and the variance of that mean as their difference
+ * tells it (without halves: as var does).
+ */
 static void tell(const struct gd_plane *a, const struct gd_plane *b, const struct gd_plane *var,
 		 double dark, int c, int x, int y, double *u, double *v)
 {
@@ -161,7 +94,6 @@ static int prepare(struct work *w, const struct gd_crossfit_in *in, struct gd_er
 
 	if (rc == GD_OK)
 		w->dark = fmax(DARK * level, (double)FLT_MIN);
-	w->lens = in->position[0].v && gd_camera_fit(&w->own, in->position) && w->own.rms < LENS;
 	for (int c = 0; c < 3 && rc == GD_OK; c++) {
 		struct gd_plane to = w->plane[U + c], var = w->plane[V + c];
 
@@ -219,7 +151,6 @@ static double bias2(const struct work *w, int x, int y, double n)
 		double d = (double)gd_row(w->plane[D + c], y)[x] / n;
 		double v = (double)gd_row(w->plane[E + c], y)[x] / n +
 			   (double)gd_row(w->plane[V + c], y)[x];
-
 		double q = (double)gd_row(w->plane[Q + c], y)[x] / n;
 
 		d = d * d - NOISE * v / (SIDE * SIDE * n);
@@ -273,7 +204,7 @@ static void blend(struct gd_plane to, struct gd_plane from, int x, int y, int u,
 				    gd_halves_float(a + times * (b - a));
 }
 
-/* One pixel of a frame, weight w: into half h, or (h = -1) into what both halves share. */
+/* One pixel u, v of a frame, of weight w, into pixel x, y: each half, and what both share. */
 static void take(struct gd_crossfit_in *in, const struct gd_crossfit_frame *f,
 		 struct gd_plane count[2], double w, int x, int y, int u, int v)
 {
@@ -328,18 +259,9 @@ static int new_count(struct gd_plane count[2], const struct gd_crossfit_in *in, 
 	return rc;
 }
 
-static double mean(struct gd_plane p)
+static double samples_of(const struct gd_plane count[2])
 {
-	double sum = 0;
-
-	for (int y = 0; y < p.h; y++) {
-		double row = 0;
-
-		for (int x = 0; x < p.w; x++)
-			row += (double)gd_row(p, y)[x];
-		sum += row;
-	}
-	return sum / p.w / p.h;
+	return gd_halves_mean(count[0]) + gd_halves_mean(count[1]);
 }
 
 int gd_gather(struct gd_crossfit_in *in, struct gd_plane count[2], const struct gd_report *report,
@@ -363,7 +285,7 @@ int gd_gather(struct gd_crossfit_in *in, struct gd_plane count[2], const struct 
 	if (rc == GD_OK)
 		rc = prepare(w, in, err);
 	if (rc == GD_OK)
-		before = fmax(mean(count[0]) + mean(count[1]), (double)FLT_MIN);
+		before = fmax(samples_of(count), (double)FLT_MIN);
 	for (int k = 0; k < in->nframe && rc == GD_OK; k++) {
 		find(w, in, in->frame + k);
 		rc = compare(w, in, in->frame + k, err);
@@ -374,7 +296,7 @@ int gd_gather(struct gd_crossfit_in *in, struct gd_plane count[2], const struct 
 	}
 	if (rc == GD_OK) {
 		gd_note(report, "%d other frame%s: %.2f times the samples", in->nframe,
-			in->nframe > 1 ? "s" : "", (mean(count[0]) + mean(count[1])) / before);
+			in->nframe > 1 ? "s" : "", samples_of(count) / before);
 		memcpy(in->count, count, sizeof in->count);
 		in->nframe = 0;
 	}
