@@ -18,7 +18,6 @@ static void settle_models(struct gd_lwr_conf *lwr, const struct options *opt)
 {
 	if (opt->paper) {
 		lwr->paper = true;
-		lwr->by_error = false;
 		lwr->granularity = lwr->per_column = 0;
 	}
 	if (lwr->granularity > 2 * lwr->radius + 1)

@@ -246,7 +246,6 @@ static int plan_make(struct gd_lwr_plan *p, const struct gd_lwr_out *out,
 	p->paper = conf->paper;
 	p->twin = in->twin && !p->paper;
 	p->nvar = in->var && !p->twin ? p->nc : 0;
-	p->by_error = conf->by_error;
 	p->y = in->y;
 	p->noise = conf->feature_noise;
 	p->ridge = conf->ridge;

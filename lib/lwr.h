@@ -38,7 +38,6 @@ struct gd_lwr_conf {
 				 * the model; 0: any. Errors are counted from r = 1 on all the same */
 	int granularity;	/* spacing of the first centres, pixels; 1 .. 2R+1; 0: 2R+1 */
 	bool dense;		/* a model at every pixel, whether covered or not */
-	bool by_error;		/* predictions weigh by 1 / their window's estimated error */
 	bool paper;		/* the error as printed (noise is not subtracted for r >= 1; the centre
 				 * alone, r = 0, has var), slopes pulled to 0 by 1e-3, truncated SVD
 				 * of the features in the window; twin, ridge and flat are not used */

@@ -14,7 +14,7 @@
 #include "isa.h"
 #include "lwr.h"
 
-#define GD_LWR_TILE	64	/* pixels; > 2 * (GD_LWR_RADIUS + 8): tiles a tile apart never touch */
+#define GD_LWR_TILE	64	/* pixels; > 2 * GD_LWR_RADIUS: tiles a tile apart never touch */
 #define GD_LWR_COLUMNS	(3 + GD_LWR_FEATURES)
 #define GD_LWR_LIMIT	1e35f	/* predictions are cut to that: sums of them stay finite */
 
@@ -22,7 +22,7 @@ struct gd_lwr_plan {
 	int w, h, radius, radius_min;
 	int nf, nc, ny;			/* features, colour planes, planes */
 	int p, q;			/* model columns; with colour and twin */
-	bool twin, by_error, paper;
+	bool twin, paper;
 	const struct gd_plane *y;	/* ny */
 	struct gd_plane feat[GD_LWR_FEATURES];	/* nf */
 	/*
@@ -40,12 +40,11 @@ struct gd_lwr_plan {
 	double range[GD_LWR_FEATURES];	/* percentiles 0.5 to 99.5 over the image */
 	double flat[GD_LWR_FEATURES];	/* flat, times the square of the feature's range */
 	double ridge;
-	double level2;			/* added to a squared mean where channels are weighed; > 0 */
+	double level2;			/* added to squared means where channels are weighed; > 0 */
 	const struct gd_plane *est, *mse, *spread;	/* mse, spread: NULL: not wanted */
 	/*
-	 * Sums over the models that cover a pixel, weighed by what each has to say; `sums` floats a
-	 * pixel, in fours: estimates by threes, the first with the weights; from at_error on (0: not
-	 * wanted) errors and radius; from at_spread on squared estimates and features.
+	 * Sums over the models that cover a pixel; `sums` floats a pixel, in fours: estimates by
+	 * threes, the first with the number of models; from at_error on (0: not wanted) errors and radius; from at_spread on squared estimates and features.
 	 */
 	float *sum;
 	size_t sums, at_error, at_spread;
@@ -110,7 +109,7 @@ GD_LWR_INLINE gd_lwr_vec gd_lwr_larger(gd_lwr_vec a, gd_lwr_vec b)
 /* Sums over one ring of one window: m[i * mpitch + j] = sum z_i z_j, i < p, j >= i. */
 struct gd_lwr_ring {
 	int n;			/* pixels */
-	double *z;		/* n rows of zpitch: the pixels' columns, times root of the weight */
+	double *z;		/* n rows of gd_lwr_pitch(): columns times root of the weight */
 	double *m;
 	double *s;		/* nc: sum of y^2, or y twin; nvar; nfv */
 };
@@ -138,7 +137,6 @@ void gd_lwr_ring_sums(const struct gd_lwr_plan *plan, struct gd_lwr_ring *ring);
 /* A fitted model. */
 struct gd_lwr_model {
 	int x, y, radius, features;
-	double weight;		/* of its predictions, 0 .. 1 */
 	const double *ref;	/* q */
 	const double *b;	/* ny * p */
 	const double *xi;	/* nc */

@@ -42,11 +42,9 @@ GD_LWR_INLINE void widen(quad *to, const float *v)
 	*to = *(const quad *)x;
 }
 
-GD_LWR_INLINE void add(float *to, const quad *v, double weight)
+GD_LWR_INLINE void add(float *to, const quad *v)
 {
-	quad w = weight * *v;
-
-	*(quad_float *)to += __builtin_convertvector(w, quad_float);
+	*(quad_float *)to += __builtin_convertvector(*v, quad_float);
 }
 
 /* The sums of three vectors, and 0. */
@@ -87,7 +85,7 @@ struct maps {
 };
 
 GD_LWR_INLINE void predict_row(const struct gd_lwr_plan *p, const struct three *t,
-			       const quad *start, const float *px, float *sum, int n, double weight,
+			       const quad *start, const float *px, float *sum, int n,
 			       const struct maps *maps, const int vectors)
 {
 	const quad along = t->along;
@@ -110,16 +108,16 @@ GD_LWR_INLINE void predict_row(const struct gd_lwr_plan *p, const struct three *
 		across(&v, &a, &b, &c);
 		v += base;
 		limit(&v);
-		add(sum, &v, weight);
+		add(sum, &v);
 		if (!maps)
 			continue;
 		if (p->at_error)
-			add(sum + p->at_error, &maps->error, weight);
+			add(sum + p->at_error, &maps->error);
 		if (p->at_spread) {
 			v *= v;
 			v[3] = maps->features;
 			limit(&v);
-			add(sum + p->at_spread, &v, weight);
+			add(sum + p->at_spread, &v);
 		}
 	}
 }
@@ -127,7 +125,7 @@ GD_LWR_INLINE void predict_row(const struct gd_lwr_plan *p, const struct three *
 #define ROWS(n) \
 	case n: \
 		for (; y < y1; y++, v += t->down, px += row, sum += sums) \
-			predict_row(p, t, &v, px, sum, x1 - x0, m->weight, maps, n); \
+			predict_row(p, t, &v, px, sum, x1 - x0, maps, n); \
 		break
 
 static void predict_three(const struct gd_lwr_plan *p, const struct gd_lwr_model *m,
@@ -149,7 +147,7 @@ static void predict_three(const struct gd_lwr_plan *p, const struct gd_lwr_model
 	ROWS(4);
 	default:
 		for (; y < y1; y++, v += t->down, px += row, sum += sums)
-			predict_row(p, t, &v, px, sum, x1 - x0, m->weight, maps, vectors);
+			predict_row(p, t, &v, px, sum, x1 - x0, maps, vectors);
 	}
 }
 

@@ -11,7 +11,8 @@ static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, doubl
 {
 	const size_t np = (size_t)p->p, nc = (size_t)p->nc, rows = np + nc;
 	const size_t pitch = (size_t)gd_lwr_pitch(p->q);
-	const size_t others = (size_t)(p->ny - p->nc), ring = p->radius > 1 ? 8 * (size_t)p->radius : 9;
+	const size_t others = (size_t)(p->ny - p->nc);
+	const size_t ring = p->radius > 1 ? 8 * (size_t)p->radius : 9;
 	const size_t sums = (size_t)(p->nc + p->nvar + p->nfv);
 	size_t n = 0;
 
@@ -20,7 +21,7 @@ static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, doubl
 		to = work ? (void *)(work + n) : NULL; \
 		n += count; \
 	} while (0)
-	TAKE(t->z, (ring > 9 ? ring : 9) * pitch + LANES);
+	TAKE(t->z, ring * pitch + LANES);
 	for (int l = 0; l < LANES; l++) {
 		TAKE(t->m[l], np * pitch);
 		TAKE(t->sums[l], (size_t)gd_lwr_pitch((int)sums));
@@ -53,17 +54,6 @@ static size_t lay_out(const struct gd_lwr_plan *p, struct gd_lwr_batch *t, doubl
 	return (n + 7) / 8 * 8;
 }
 
-/*
- * What a prediction counts, 0 .. 1: the error estimate, relative to the brightness, is not known
- * better than to a thousandth.
- */
-static double say(const struct gd_lwr_plan *p, double error)
-{
-	const double floor = 1e-3 * p->nc;
-
-	return p->by_error ? floor / (floor + (error > 0 ? error : 0)) : 1;
-}
-
 static void predict_batch(const struct gd_lwr_plan *p, struct gd_lwr_batch *t,
 			  struct gd_lwr_count *count)
 {
@@ -73,8 +63,7 @@ static void predict_batch(const struct gd_lwr_plan *p, struct gd_lwr_batch *t,
 		double *b = t->model, *xi = b + p->ny * p->p;
 		struct gd_lwr_model m = {
 			.x = t->x[l], .y = t->y[l], .radius = (int)t->radius[l],
-			.features = (int)t->features[l], .weight = say(p, t->least[l]),
-			.ref = t->ref[l], .b = b, .xi = xi,
+			.features = (int)t->features[l], .ref = t->ref[l], .b = b, .xi = xi,
 		};
 
 		for (int c = 0; c < p->ny; c++)

@@ -119,7 +119,6 @@ static void survive(struct frame *f, double low, double high)
 
 			conf.paper = how == PAPER;
 			conf.dense = dense;
-			conf.by_error = how == VAR;
 			if (how == PLAIN)
 				conf.per_column = conf.granularity = 0;
 			if (how == PLAIN)

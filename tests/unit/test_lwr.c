@@ -469,24 +469,6 @@ static void test_maps(void **state)
 	}
 }
 
-/* Weighing by error prefers the sound predictions, and moves nothing where all are alike. */
-static void test_by_error(void **state)
-{
-	struct gd_lwr_conf conf = GD_LWR_DEFAULTS;
-	struct frame a = fitted(70, 60, 3, 3, &conf), b;
-
-	(void)state;
-	conf.by_error = true;
-	b = fitted(70, 60, 3, 3, &conf);
-	for (int c = 0; c < 3; c++) {
-		assert_true(difference(a.est[c], b.est[c], 1) > 0);
-		assert_true(difference(a.est[c], b.est[c], 1) < 0.5);
-	}
-	assert_int_equal(a.result.models, b.result.models);
-	release(&a);
-	release(&b);
-}
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -494,8 +476,7 @@ int main(void)
 		cmocka_unit_test(test_step),	  cmocka_unit_test(test_threads),
 		cmocka_unit_test(test_units),	  cmocka_unit_test(test_symmetry),
 		cmocka_unit_test(test_layers),	  cmocka_unit_test(test_idle_features),
-		cmocka_unit_test(test_noise),	  cmocka_unit_test(test_maps),
-		cmocka_unit_test(test_by_error)};
+		cmocka_unit_test(test_noise),	  cmocka_unit_test(test_maps)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
