@@ -29,10 +29,11 @@ struct gd_boot_conf {
 	double floor;		/* as in struct gd_poisson_conf */
 	double smooth_px;	/* as in struct gd_poisson_conf */
 	double tolerance;	/* relative residual of the solution from all bins */
-	double tolerance_t; /* of each replicate's difference to it, relative. At 0.1 the variance
-			       is off by 24 to */
-	/* 35 %, where ten replicates leave it uncertain by 47 %, and f by less than 1 % of its
-	 * error */
+	/*
+	 * Of each replicate's difference to it, relative. At 0.1 the variance is off by 24 to 35 %,
+	 * where ten replicates leave it uncertain by 47 %, and f by less than 1 % of its error.
+	 */
+	double tolerance_t;
 	double local_px;	/* standard deviation of the blur that separates drift from noise */
 };
 #define GD_BOOT_DEFAULTS { 10, 1, 0.1, 1.0, 1e-4, 1e-1, 2.0 }

@@ -20,7 +20,7 @@ struct stage {
 	struct gd_feature_result *result;
 	const struct gd_report *report;
 	struct gd_err *err;
-	int n, bins; /* channels; bins of the gradients, 0 or 2 and more */
+	int n, bins;			/* channels; bins of the gradients, 0 or 2 and more */
 	const char *family;			/* "bin", or "half" where a file has halves only */
 	struct gd_plane (*dx)[3], (*dy)[3];	/* [bins], or the mean where there are none */
 	struct gd_plane primal[3], half_primal[2][3];
@@ -567,8 +567,10 @@ static int add_features(struct stage *s, struct gd_feature_set *out)
 	return rc;
 }
 
-/* Pixels averaged with those that show the same in other frames, then the filter itself; or, if
- * they cannot be followed, the filter in windows that span all frames. */
+/*
+ * Pixels averaged with those that show the same in other frames, then the filter itself; or, if
+ * they cannot be followed, the filter in windows that span all frames.
+ */
 static int filter_frames(struct stage *s, const struct gd_feature_set *out,
 			 const struct gd_plane *other)
 {

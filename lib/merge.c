@@ -303,9 +303,9 @@ static void assign_units(struct gd_merge *m, int i, double samples)
 }
 
 /*
- * The samples behind a layer's means: scale times those of the pixel. An
- * edge of the gradients is sampled from both its pixels (n_i + n_j, over 2 so that equal counts
- * stay what they are), unless own_edges says that only its own counts.
+ * The samples behind a layer's means: scale times those of the pixel. An edge of the gradients is
+ * sampled from both its pixels (n_i + n_j, over 2 so that equal counts stay what they are), unless
+ * own_edges says that only its own counts.
  */
 static void weigh(struct gd_merge *m, const struct merge_layer *l, const struct gd_count *count,
 		  float scale, bool bad, struct gd_count *w)
@@ -466,7 +466,7 @@ static int add_bins(struct gd_merge *m, struct merge_layer *l, const struct sour
 	return rc;
 }
 
-/* The even bins share the samples of one half, the odd ones those of the other. Spoils m->weight. */
+/* Even bins share the samples of one half, odd ones those of the other. Spoils m->weight. */
 static int add_sides(struct gd_merge *m, struct merge_layer *l, const struct source *s,
 		     const struct gd_plane *all, int nall, struct gd_err *err)
 {
@@ -482,7 +482,6 @@ static int add_sides(struct gd_merge *m, struct merge_layer *l, const struct sou
 	}
 	return rc;
 }
-
 
 static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_image *im,
 		     struct source *s, const struct gd_count *count, const struct gd_report *report,

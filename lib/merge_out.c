@@ -171,7 +171,6 @@ static void finish_bins(struct gd_merge *m, struct merge_layer *l)
 	}
 }
 
-
 static void count_empty(struct gd_merge *m, struct merge_layer *l, const struct gd_report *report)
 {
 	if (!l->count.plane.v)

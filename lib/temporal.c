@@ -108,12 +108,12 @@ static void foretell(struct gd_temporal_work *k, const struct gd_temporal_state 
 
 /* ---- this frame ---- */
 
-/* Squared error of a pixel, mean of the channels; unknown: the spread of the pixels around. */
 static float number(float v)
 {
 	return isnan(v) ? 0 : fminf(fmaxf(v, -most), most);
 }
 
+/* Squared error of a pixel, mean of the channels; unknown: the spread of the pixels around. */
 static float noise2(const struct gd_temporal_in *in, const struct gd_temporal_work *k, int x, int y)
 {
 	double sum = 0, level = 0;
