@@ -19,7 +19,8 @@ struct options {
 	bool paper;
 };
 
-static int settle(struct gd_sampling_conf *conf, const struct options *opt, struct gd_err *err)
+static int settle(struct gd_sampling_conf *conf, const struct options *opt,
+		  const struct gd_cli *cli, struct gd_err *err)
 {
 	const struct gd_sampling_conf own = GD_SAMPLING_DEFAULTS, paper = GD_SAMPLING_PAPER;
 
@@ -40,11 +41,17 @@ static int settle(struct gd_sampling_conf *conf, const struct options *opt, stru
 	if (fmod(opt->total, opt->multiple) != 0)
 		return gd_fail(err, GD_EARG, "--total %.17g: expected a multiple of %d", opt->total,
 			       opt->multiple);
+	if (opt->floor < 0 && opt->floor != -1)
+		return gd_fail(err, GD_EARG, "--floor %g: expected 0 to 1, or -1", opt->floor);
+	if (opt->blur < 0 && opt->blur != -1)
+		return gd_fail(err, GD_EARG, "--blur %g: expected 0 to 10, or -1", opt->blur);
 	if (opt->min > opt->max)
 		return gd_fail(err, GD_EARG, "--min %d is above --max %d", opt->min, opt->max);
 	if (opt->png && gd_picture_misnamed(opt->png))
 		return gd_fail(err, GD_EARG, "--png: %s: a PNG does not get the name of an EXR",
 			       opt->png);
+	if (opt->png && !strcmp(opt->png, cli->output))
+		return gd_fail(err, GD_EARG, "--png %s: the output of the map itself", opt->png);
 	return opt->png ? gd_plugin_check(err) : GD_OK;
 }
 
@@ -154,6 +161,9 @@ static int run(struct gd_cli *cli, struct gd_image *im, struct gd_sampling_conf 
 	conf->total = opt->multiple * round(opt->spp / opt->multiple * im->w * im->h);
 	if (opt->total > 0)
 		conf->total = opt->total;
+	if (!(conf->total > 0))
+		return gd_fail(err, GD_EARG, "--spp %g: rounded to a multiple of %d, no sample in "
+			       "all %d x %d pixels", opt->spp, opt->multiple, im->w, im->h);
 	rc = gd_sampling_map(map, &in, conf, &result, err);
 	if (rc != GD_OK)
 		return rc;
@@ -201,7 +211,7 @@ int main(int argc, char **argv)
 	int rc;
 
 	gd_cli_parse(&cli, &cmd, argc, argv);
-	rc = settle(&conf, &opt, &err);
+	rc = settle(&conf, &opt, &cli, &err);
 	if (rc == GD_OK)
 		rc = run(&cli, &im, &conf, &opt, &err);
 	gd_image_free(&im);

@@ -66,6 +66,13 @@ sum() { awk -v m="$(val "$1" sampling)" 'BEGIN { printf "%.0f", m * 1200 }'; }
 	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --min 3 is above --max 2" ]
 	run --separate-stderr "$gdsample" --total 10.5 in.exr out.exr
 	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --total 10.5: expected a multiple of 1" ]
+	run --separate-stderr "$gdsample" --spp 2 --multiple 5000 in.exr out.exr
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: --spp 2: rounded to a multiple of 5000, no sample in all 40 x 30 pixels" ]
+	run --separate-stderr "$gdsample" --spp 2 --floor -0.5 in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --floor -0.5: expected 0 to 1, or -1" ]
+	run --separate-stderr "$gdsample" --spp 2 --blur -0.5 in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --blur -0.5: expected 0 to 10, or -1" ]
 	[ ! -e out.exr ]
 }
 
@@ -146,6 +153,9 @@ sum() { awk -v m="$(val "$1" sampling)" 'BEGIN { printf "%.0f", m * 1200 }'; }
 	[ "$(head -c 4 map.png | od -An -tx1 | tr -d ' ')" = 89504e47 ]
 	run --separate-stderr "$gdsample" --spp 4 --png map.exr in.exr out2.exr
 	[ "$status" -eq 2 ] && [[ "$stderr" == "gdsample: --png: map.exr: "* ]]
+	run --separate-stderr bash -c "'$gdsample' --spp 4 --png - in.exr | wc -c; exit \${PIPESTATUS[0]}"
+	[ "$status" -eq 2 ] && [ "$output" -eq 0 ]
+	[ "$stderr" = "gdsample: --png -: the output of the map itself" ]
 	[ ! -e out2.exr ]
 }
 
