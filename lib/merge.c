@@ -224,6 +224,8 @@ static double share_of(const struct gd_merge *m, const struct merge_input *in, s
 	return in->spp;
 }
 
+#define MOST_SAMPLES 1e15f	/* sums of counts and of their squares stay finite */
+
 /* A plane of counts, in units of one, made fit for weights, with their mean. */
 static struct gd_count make_count(struct gd_plane p, float one)
 {
@@ -233,7 +235,8 @@ static struct gd_count make_count(struct gd_plane p, float one)
 		float *row = gd_row(p, y);
 
 		for (int x = 0; x < p.w; x++) {
-			row[x] = isfinite(row[x]) && row[x] > 0 ? one * row[x] : 0;
+			row[x] = isfinite(row[x]) && row[x] > 0 ?
+					 fminf(one * row[x], MOST_SAMPLES) : 0;
 			count.all += (double)row[x];
 		}
 	}

@@ -170,6 +170,12 @@ near() { awk -v a="$1" -v b="$2" 'BEGIN { d = a - b; if (d < 0) d = -d; exit !(d
 	near "$(val out.exr G 1 0)" 3
 	near "$(val out.exr G 1 1)" 0
 	[[ "$(val out.exr variance.R)" != *[nN]a[nN]* ]]
+	# counts that are none: not for weights, or cut
+	make_exr a.exr 4 3 R=1 G=1 B=1 samples='$x == 1 ? nan() : $x == 2 ? -4 : 4'
+	make_exr b.exr 4 3 R=5 G=5 B=5 samples='$x == 3 ? 3e38 : 4'
+	"$gdmerge" -q a.exr b.exr -o out.exr --compression none
+	[ "$(val out.exr R 0 1)" = 3 ] && [ "$(val out.exr R 1 1)" = 5 ] && [ "$(val out.exr R 2 1)" = 5 ]
+	[ "$(val out.exr R 3 1)" = 5 ] && [ "$(val out.exr samples 1 1)" = 4 ]
 }
 
 @test "a variance of the wrong kind is noticed" {
