@@ -177,6 +177,8 @@ int main(int argc, char **argv)
 
 	gd_cli_parse(&cli, &cmd, argc, argv);
 	rc = settle(&conf, &opt, &err);
+	if (rc == GD_OK)
+		rc = gd_cli_check_neighbours(&cli, &opt.neighbours, &err);
 	conf.neighbour = neighbour;
 	conf.nneighbour = rc == GD_OK ? opt.neighbours.n : 0;
 	if (rc == GD_OK)

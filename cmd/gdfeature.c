@@ -103,7 +103,7 @@ static int check_neighbours(const struct gd_cli *cli, const struct gd_feature_co
 			return gd_fail(err, GD_EARG, "--neighbours -: %s",
 				       strcmp(cli->input, "-") ? "a neighbour must be a file" :
 				       "standard input is the frame itself");
-	return GD_OK;
+	return gd_cli_check_neighbours(cli, list, err);
 }
 
 static int run(struct gd_cli *cli, struct gd_image *im, struct gd_feature_conf *conf,

@@ -13,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "isa.h"
@@ -383,6 +384,8 @@ static void check_operands(struct gd_cli *cli)
 		usage_error(cmd->name, "no input: standard input is a terminal");
 	if (cli->stats && !strcmp(cli->stats, "-") && !strcmp(cli->output, "-"))
 		usage_error(cmd->name, "option --stats: standard output is taken by the image");
+	if (cli->stats && !strcmp(cli->stats, cli->output) && strcmp(cli->stats, "/dev/null"))
+		usage_error(cmd->name, "option --stats: %s is the image", cli->stats);
 	if (!strcmp(cli->output, "-") && isatty(STDOUT_FILENO))
 		usage_error(cmd->name,
 			    "no output: standard output is a terminal; use -o FILE or a pipe");
@@ -561,6 +564,30 @@ int gd_cli_load(struct gd_cli *cli, struct gd_exr *file, struct gd_image *im, st
 	gd_exr_close(file);
 	cli->io_seconds += gd_seconds() - start;
 	return rc;
+}
+
+static bool find_file(const char *path, struct stat *st)
+{
+	return (strcmp(path, "-") ? stat(path, st) : fstat(STDIN_FILENO, st)) == 0 &&
+	       S_ISREG(st->st_mode);
+}
+
+/* Noise that comes twice is taken for signal, and makes the error estimate too small. */
+int gd_cli_check_neighbours(const struct gd_cli *cli, const struct gd_list *list,
+			    struct gd_err *err)
+{
+	struct stat a, b;
+
+	for (int i = 0; i < list->n; i++)
+		for (int k = -1; k < i; k++) {
+			if (!strcmp(list->v[i], "-") || !find_file(list->v[i], &a) ||
+			    !find_file(k < 0 ? cli->input : list->v[k], &b) ||
+			    a.st_dev != b.st_dev || a.st_ino != b.st_ino)
+				continue;
+			return gd_fail(err, GD_EARG, "--neighbours %s: %s", list->v[i],
+				       k < 0 ? "the frame itself" : "named twice");
+		}
+	return GD_OK;
 }
 
 static int sign(struct gd_cli *cli, struct gd_image *im, struct gd_err *err)

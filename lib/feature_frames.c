@@ -270,6 +270,7 @@ static int find_or_make(struct gd_feature_set *set, struct gd_image *im,
 			struct gd_feature_result *result, const struct gd_report *report,
 			struct gd_err *err)
 {
+	const int number = (int)(im - conf->neighbour) + 1;
 	struct gd_feature_conf plain = *conf;
 	int rc;
 
@@ -282,13 +283,14 @@ static int find_or_make(struct gd_feature_set *set, struct gd_image *im,
 			return rc;
 		result->solved++;
 		if (!gd_feature_set_find(set, im))
-			return gd_fail(err, GD_ESHAPE, "a neighbour without bins or variances of "
-				       "its gradients cannot be compared");
+			return gd_fail(err, GD_ESHAPE, "neighbour %d has neither bins nor "
+				       "variances of its gradients: it cannot be compared",
+				       number);
 	}
 	if (set->n != own->n || set->halves < own->halves)
 		return gd_fail(err, GD_ESHAPE,
-			       "a neighbour's feature has %d channels%s, expected %d%s", set->n,
-			       set->halves ? " and halves" : "", own->n,
+			       "neighbour %d has a feature of %d channels%s, expected %d%s",
+			       number, set->n, set->halves ? " and halves" : "", own->n,
 			       own->halves ? " and halves" : "");
 	return GD_OK;
 }

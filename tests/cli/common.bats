@@ -158,6 +158,9 @@ options_of_manual() {
 	run --separate-stderr "$bin/gdmerge" in.exr -o out.exr --stats "no/such/s.json"
 	[ "$status" -eq 2 ]
 	[[ "$stderr" == "gdmerge: no/such/s.json: "* ]]
+	rm out.exr
+	run --separate-stderr "$bin/gdmerge" in.exr -o out.exr --stats out.exr
+	[ "$status" -eq 2 ] && [[ "$stderr" == "gdmerge: option --stats: out.exr is the image"* ]] && [ ! -e out.exr ]
 }
 
 @test "a failure takes one line, whatever else fails" {

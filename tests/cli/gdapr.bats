@@ -245,13 +245,14 @@ pan() {
 
 @test "--neighbours: what does not fit is named with its file" {
 	pan 0 in.exr
+	cp in.exr too.exr
 	"$support/mkexr.pl" small.exr 5 4 R=1 G=1 B=1
 	"$support/mkexr.pl" bare.exr 48 24 R=1 G=1 B=1 Z=1
 	"$support/mkexr.pl" blind.exr 48 24 R=1 G=1 B=1 bin0.R=1 bin0.G=1 bin0.B=1 bin1.R=1 bin1.G=1 bin1.B=1
 	"$support/mkexr.pl" grey.exr 48 24 R=1 B=1
 	for t in "small.exr: 5 x 4 pixels, expected 48 x 24" "bare.exr: no halves and no bins, which the frame to denoise has" \
 		"blind.exr: no layer Z, which the frame to denoise has" "grey.exr: no channel G" "nowhere.exr: No such file or directory"; do
-		run -2 --separate-stderr "$gdapr" in.exr out.exr --neighbours in.exr "${t%%:*}"
+		run -2 --separate-stderr "$gdapr" in.exr out.exr --neighbours too.exr "${t%%:*}"
 		[ "$stderr" = "gdapr: $t" ] || { echo "$stderr"; return 1; }
 		[ ! -e out.exr ]
 	done
@@ -261,6 +262,11 @@ pan() {
 	[[ "$stderr" == *"--neighbours is for cross-fitting"* ]]
 	run -2 --separate-stderr bash -c "'$gdapr' -o out.exr --neighbours - <in.exr"
 	[ "$stderr" = "gdapr: --neighbours -: standard input is the frame to denoise" ]
+	run -2 --separate-stderr "$gdapr" in.exr out.exr --neighbours too.exr ./in.exr
+	[ "$stderr" = "gdapr: --neighbours ./in.exr: the frame itself" ]
+	run -2 --separate-stderr "$gdapr" in.exr out.exr --neighbours too.exr ./too.exr
+	[ "$stderr" = "gdapr: --neighbours ./too.exr: named twice" ]
+	[ ! -e out.exr ]
 }
 
 @test "the manual lists the options in the order of -h" {

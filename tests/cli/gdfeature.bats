@@ -252,5 +252,12 @@ positions() { printf "%s\n" "P.X=0.1*(\$x+$1)" 'P.Y=0.1*$y' "P.Z=20+2*sin(0.2*(\
 	[ "$status" -eq 2 ] && [ "$stderr" = "gdfeature: --neighbours: 5 files, expected 4 at most" ]
 	run --separate-stderr "$bin/gdfeature" in.exr out.exr --no-filter --neighbours in.exr
 	[ "$status" -eq 2 ] && [[ "$stderr" == "gdfeature: --neighbours: only the filter"* ]]
+	run --separate-stderr bash -c "'$bin/gdfeature' -o out.exr --neighbours in.exr <in.exr"
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdfeature: --neighbours in.exr: the frame itself" ]
+	"$support/mkexr.pl" once.exr 12 9 R=1 G=1 B=1 dx.R=0 dx.G=0 dx.B=0 dy.R=0 dy.G=0 dy.B=0
+	cp in.exr too.exr
+	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours too.exr once.exr
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdfeature: in.exr: neighbour 2 has neither bins nor variances of its gradients: it cannot be compared" ]
 	[ ! -e out.exr ]
 }
