@@ -5,7 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-static const float most = FLT_MAX / 1e4f;	/* brighter pixels are cut to that */
+/* Brighter pixels are cut to that; models beyond start anew: a change of light may take them up. */
+static const float most = FLT_MAX / 1e4f;
 static const double paper_delta = 1e-3;	/* 1 / first variance, of both coefficients */
 static const double cap = 2e3;		/* most that variances may be, in those of one frame's */
 static const double slope_prior = 0.003; /* of the colour, per frame: how light usually changes */
@@ -62,12 +63,13 @@ int gd_temporal_add(struct gd_temporal_state *state, struct gd_image *im, struct
 
 static bool sound(const struct gd_temporal_model *g)
 {
+	const double variances = (double)g->p[0] * (double)g->p[2];
 	float sum = 0;
 
 	for (int c = 0; c < 3; c++)
 		sum += fabsf(g->v[c]) + fabsf(g->slope[c]) + fabsf(g->p[c]) + fabsf(g->at[c]);
-	return sum < FLT_MAX && g->frames >= 1 && g->frames < FLT_MAX && g->p[0] >= 0 &&
-	       g->p[2] >= 0 && fabs((double)g->p[1]) <= 1.01 * sqrt((double)g->p[0] * (double)g->p[2]);
+	return sum < most && g->frames >= 1 && g->frames < FLT_MAX && g->p[0] >= 0 &&
+	       g->p[2] >= 0 && fabs((double)g->p[1]) <= 1.01 * sqrt(variances);
 }
 
 /* One frame on: t is counted from the new one, so that value and slope mix. */

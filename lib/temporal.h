@@ -71,7 +71,7 @@ int gd_temporal_add(struct gd_temporal_state *state, struct gd_image *im, struct
  * position  P.X P.Y P.Z, world position that a pixel sees, any unit; 0 0 0: nothing (the sky),
  *           which is followed by its place in the image
  * previous  the state that the frame before left, or NULL: this is the first one. Pixels of it that
- *           are no state (NaN, Inf, a variance below 0) count as new
+ *           are no state (NaN, 1e34 and more, a variance below 0) count as new
  */
 struct gd_temporal_in {
 	struct gd_plane y[3], mse[3], position[3];

@@ -454,6 +454,24 @@ static void test_damaged(void **state)
 	free(s.block);
 }
 
+/* A state whose variances a change of all light would take beyond floats. */
+static void test_too_uncertain(void **state)
+{
+	struct seq s;
+
+	(void)state;
+	seq_new(&s, 64, 64);
+	fill(&s, 1e17f, 1e32f, 0, 0);
+	step(&s);
+	for (int y = 0; y < 64; y++)
+		for (int x = 0; x < 64; x++)
+			gd_row(s.out.state.plane[GD_TEMPORAL_P], y)[x] = 1e36f;
+	fill(&s, 5e18f, 1e32f, 0, 0);
+	step(&s);
+	check_finite(&s);
+	free(s.block);
+}
+
 /* Input that is no number, and images of any size and kind. */
 static void test_extremes(void **state)
 {
@@ -685,6 +703,7 @@ int main(void)
 		cmocka_unit_test(test_uncovered),
 		cmocka_unit_test(test_endless),
 		cmocka_unit_test(test_damaged),
+		cmocka_unit_test(test_too_uncertain),
 		cmocka_unit_test(test_extremes),
 		cmocka_unit_test(test_nowhere),
 		cmocka_unit_test(test_no_error),
