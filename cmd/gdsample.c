@@ -130,8 +130,8 @@ static void tell(struct gd_cli *cli, const struct gd_sampling_conf *conf,
 {
 	if (r->blind)
 		gd_cli_warn(cli, "no error anywhere: the map is even");
-	gd_note(&cli->report, "%.0f samples, %.0f to %.0f a pixel, at least %g %% of them spread evenly",
-		conf->total, r->least, r->most, 100 * conf->floor);
+	gd_note(&cli->report, "%.0f samples, %.0f to %.0f a pixel, at least %g %% of them spread "
+		"evenly", conf->total, r->least, r->most, 100 * conf->floor);
 	gd_note(&cli->report, "mean relative error %.4g, should become %.4g; %.4g with an even map",
 		r->before, r->after, r->even);
 	gd_cli_stat(cli, "total", conf->total);
@@ -180,8 +180,10 @@ int main(int argc, char **argv)
 		GD_NUM(0, "spp", "N", &opt.spp, 0, GD_SAMPLING_MOST,
 		       "budget: new samples a pixel, in the mean"),
 		GD_NUM(0, "total", "N", &opt.total, 0, 9e15, "budget: new samples in all"),
-		GD_NUM(0, "min", "N", &opt.min, 0, GD_SAMPLING_MOST, "least new samples of a pixel"),
-		GD_NUM(0, "max", "N", &opt.max, 0, GD_SAMPLING_MOST, "most new samples of a pixel"),
+		GD_NUM(0, "min", "N", &opt.min, 0, GD_SAMPLING_MOST,
+		       "least new samples of a pixel"),
+		GD_NUM(0, "max", "N", &opt.max, 0, GD_SAMPLING_MOST,
+		       "most new samples of a pixel"),
 		GD_NUM(0, "multiple", "N", &opt.multiple, 1, GD_SAMPLING_MOST,
 		       "make every count a multiple of N: as many as the bins of a pass"),
 		GD_NUM(0, "samples", "N", &opt.samples, 0, 1e9,

@@ -14,7 +14,7 @@
 
 struct gd_camera {
 	double m[3][4];
-	double rms;	/* pixels between where points are and where they are projected to, typically */
+	double rms;	/* typical distance of points from where they are projected to, pixels */
 };
 
 /*

@@ -5,9 +5,13 @@
 #include "halves.h"
 #include "pilot.h"
 
-#define RIDGE		1e-4	/* of a column's spread: 1e-3 is as good, 1e-2 worse by 1 %, none by 6 % */
-#define FLAT		1e-5	/* of a feature's squared range, 0.3 % of the range: below is noise, not
-				 * shape; 1e-4 loses 5 % (texture), none 5 % (door: up to 22 %) */
+/* Of a column's spread: 1e-3 is as good, 1e-2 worse by 1 %, none by 6 %. */
+#define RIDGE		1e-4
+/*
+ * Of a feature's squared range, that is 0.3 % of the range: below is noise, not shape. 1e-4 loses
+ * 5 % (texture), none 5 % (door: up to 22 %).
+ */
+#define FLAT		1e-5
 
 /* A regression: windows of 2R+1, centres step apart, a polynomial of that order. */
 struct model {

@@ -21,7 +21,7 @@
 
 #include "apr.h"
 
-#define GD_CROSSFIT_FEATURES (GD_APR_FEATURES - 7)	/* pilot and feature of a half come on top */
+#define GD_CROSSFIT_FEATURES (GD_APR_FEATURES - 7)	/* beside a half's pilot and feature */
 
 struct gd_crossfit_conf {
 	bool fast;	/* one model in place of several */
@@ -90,8 +90,9 @@ struct gd_crossfit_out {
 
 struct gd_crossfit_result {
 	int models;			/* regressions averaged, of either half */
-	double gather_seconds, pilot_seconds, fit_seconds;	/* gather: fireflies, other frames */
-	double gain; /* 1 + a above: what the brightest pixels are multiplied by */
+	double gather_seconds;		/* fireflies, other frames */
+	double pilot_seconds, fit_seconds;
+	double gain;			/* 1 + a above: what the brightest pixels are times */
 };
 
 /*

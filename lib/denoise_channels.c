@@ -194,8 +194,10 @@ static int alike(const struct denoise_job *job, const char *layer, struct gd_err
 
 	if (n == want)
 		return GD_OK;
-	return n ? gd_fail(err, GD_ESHAPE, "layer %s has %d channels, expected %d", layer, n, want) :
-		   gd_fail(err, GD_ESHAPE, "no layer %s, which the frame to denoise has", layer);
+	if (!n)
+		return gd_fail(err, GD_ESHAPE, "no layer %s, which the frame to denoise has",
+			       layer);
+	return gd_fail(err, GD_ESHAPE, "layer %s has %d channels, expected %d", layer, n, want);
 }
 
 /* Takes the choice of the frame to denoise: what that has, a neighbour must have, too. */

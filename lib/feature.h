@@ -41,13 +41,13 @@ struct gd_feature_conf {
 	struct gd_nlm_conf nlm_frames;	/* of pixels in several frames: its window is 0 */
 	struct gd_nlm_conf nlm_layers;	/* of the layers below */
 	const char *layers;		/* noisy layers to prefilter, "albedo,N,Z", or NULL */
-	struct gd_image *neighbour;	/* other frames, used up: read as ..._want_neighbour() has it */
+	struct gd_image *neighbour;	/* other frames, marked by ..._want_neighbour(); used up */
 	int neighbours;			/* 0 .. GD_FEATURE_FRAMES */
 };
 
 /*
- * Of a solution for a regression 1e-3 is enough: at 1e-2 the denoised image is 1 % worse, below 3e-3
- * nothing changes any more. A round window is as good as a square one, and a quarter smaller.
+ * Of a solution for a regression 1e-3 is enough: at 1e-2 the denoised image is 1 % worse, below
+ * 3e-3 nothing changes any more. A round window is as good as a square one, and a quarter smaller.
  */
 #define GD_FEATURE_DEFAULTS ((struct gd_feature_conf){ \
 	.solve = GD_FEATURE_WLS, .bagging = true, .filter = true, \

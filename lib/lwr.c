@@ -110,7 +110,7 @@ static void clear(const struct gd_lwr_plan *p)
 	}
 }
 
-/* Number k of the sums of row y, over the weights, into a plane. */
+/* Number k of the sums of row y, over the number of models, into a plane. */
 static void means(const struct gd_lwr_plan *p, struct gd_plane to, size_t k, int y)
 {
 	const float *sum = p->sum + (size_t)y * (size_t)p->w * p->sums;
@@ -156,10 +156,10 @@ static void mark(const struct gd_lwr_plan *p, bool all)
 #pragma omp parallel for schedule(static)
 	for (int j = 0; j < p->nrow; j++) {
 		unsigned char *row = p->mark + (size_t)p->cy[j] * (size_t)p->w;
-		const float *weight = p->sum + (size_t)p->cy[j] * (size_t)p->w * p->sums + 3;
+		const float *models = p->sum + (size_t)p->cy[j] * (size_t)p->w * p->sums + 3;
 
 		for (int i = 0; i < p->nx; i++)
-			row[p->cx[i]] = all || !(weight[(size_t)p->cx[i] * p->sums] > 0);
+			row[p->cx[i]] = all || !(models[(size_t)p->cx[i] * p->sums] > 0);
 	}
 }
 

@@ -34,20 +34,23 @@
 
 struct gd_lwr_conf {
 	int radius;		/* R, pixels; 1 .. GD_LWR_RADIUS; 9: windows up to 19x19 */
-	int per_column;		/* a window may be chosen that has so many pixels for each column of
-				 * the model; 0: any. Errors are counted from r = 1 on all the same */
+	int per_column;		/* a window may be chosen that has so many pixels for each column
+				 * of the model; 0: any. Errors are counted from r = 1 on anyway */
 	int granularity;	/* spacing of the first centres, pixels; 1 .. 2R+1; 0: 2R+1 */
 	bool dense;		/* a model at every pixel, whether covered or not */
-	bool paper;		/* the error as printed (noise is not subtracted for r >= 1; the centre
-				 * alone, r = 0, has var), slopes pulled to 0 by 1e-3, truncated SVD
-				 * of the features in the window; twin, ridge and flat are not used */
-	double feature_noise;	/* as in struct gd_apr_conf: drop a feature whose spread in a window,
-				 * after those before it, is below this many times its noise; 0: never */
-	double ridge;		/* pull of every slope, relative to the column's spread in the window */
+	bool paper;		/* the error as printed (noise is not subtracted for r >= 1; the
+				 * centre alone, r = 0, has var), slopes pulled to 0 by 1e-3,
+				 * truncated SVD of the features in the window; twin, ridge and
+				 * flat are not used */
+	double feature_noise;	/* as in struct gd_apr_conf: drop a feature whose spread in a
+				 * window, after those before it, is below this many times its
+				 * noise; 0: never */
+	double ridge;		/* pull of every slope, relative to the spread in the window */
 	double flat;		/* pull of feature slopes, in squares of the feature's range */
 };
 #define GD_LWR_DEFAULTS ((struct gd_lwr_conf){ \
-	.radius = 9, .per_column = 5, .granularity = 5, .feature_noise = 1, .ridge = 1e-3, .flat = 3e-5 })
+	.radius = 9, .per_column = 5, .granularity = 5, .feature_noise = 1, .ridge = 1e-3, \
+	.flat = 3e-5 })
 
 /*
  * Planes of one size, all finite (gd_apr_clean() makes them so).

@@ -44,7 +44,8 @@ struct gd_lwr_plan {
 	const struct gd_plane *est, *mse, *spread;	/* mse, spread: NULL: not wanted */
 	/*
 	 * Sums over the models that cover a pixel; `sums` floats a pixel, in fours: estimates by
-	 * threes, the first with the number of models; from at_error on (0: not wanted) errors and radius; from at_spread on squared estimates and features.
+	 * threes, the first with the number of models; from at_error on (0: not wanted) errors and
+	 * radius; from at_spread on squared estimates and features.
 	 */
 	float *sum;
 	size_t sums, at_error, at_spread;

@@ -401,7 +401,6 @@ static void load_other(const struct run *r, const struct gd_nlm_tile *t, int i, 
 	const struct region g = region_of(t, t->window);
 
 	load_plane(r, &g, t->known, f->known, &as_is);
-
 	for (int c = 0; c < t->nguide; c++)
 		load_guide(r, t, c, t->other[c], t->other_var[c], f->guide[c], f->guide_var[c]);
 	for (int c = 0; c < t->n; c++)
@@ -668,7 +667,8 @@ int gd_nlm_frames(const struct gd_nlm_job *job, const struct gd_nlm_frame *frame
 	for (int i = 0; i < frames && rc == GD_OK; i++) {
 		rc = check_frame(job, &frame[i], r.w, r.h, err);
 		if (rc == GD_OK && (frame[i].window < 0 || frame[i].window > conf->window))
-			rc = gd_fail(err, GD_EARG, "non-local means: window %d of a frame (0 to %d)",
+			rc = gd_fail(err, GD_EARG,
+				     "non-local means: window %d of a frame (0 to %d)",
 				     frame[i].window, conf->window);
 	}
 	if (rc != GD_OK)

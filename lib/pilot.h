@@ -9,13 +9,13 @@
 #include "crossfit.h"
 #include "nlr.h"
 
-#define GD_PILOT_FEATURES 7	/* albedo, normal, depth: more cost time and did not lower the error */
+#define GD_PILOT_FEATURES 7	/* albedo, normal, depth: more cost time, and gained nothing */
 
 /* Windows of 7x7 and patches of 3x3; of 13x13 and 5x5. */
 #define GD_PILOT_NARROW	{ .window = 3, .patch = 1, .k = 0.8, .eps = 1e-6, .ridge = 1e-3 }
 #define GD_PILOT_WIDE	{ .window = 6, .patch = 2, .k = 0.5, .eps = 1e-6, .ridge = 1e-3 }
 
-/* The features of in that a pilot leans on, n places in in->feat, as gd_halves_scale() names them. */
+/* What a pilot leans on: n places in in->feat, as gd_halves_scale() names them. */
 struct gd_pilot_features {
 	int n, at[GD_PILOT_FEATURES];
 };

@@ -13,7 +13,7 @@
 #define SIDE	64		/* of a tile, pixels; a power of 2 */
 #define TILE	(SIDE * SIDE)
 #define PLACES	256		/* per axis, where the level is measured */
-#define FAINT	1e-6f		/* of the largest u: none is below, so that any total can be spent */
+#define FAINT	1e-6f		/* of the largest u: the least, so that any total can be spent */
 #define CLOSE	1e-7		/* of a pixel: a total is met when each misses by no more */
 #define ROUNDS	200		/* most steps of the search for c; 10 are usual */
 
@@ -143,9 +143,11 @@ static double excess(const struct job *j, double *slope)
 /* Between low and high, by orders of magnitude where they are far apart. */
 static double between(double low, double high)
 {
-	if (high - low > 2 * low)
-		return low > 1e-9 ? sqrt(low) * sqrt(high) : high > 1e-8 ? 1e-9 * sqrt(high * 1e9) : 0;
-	return low + (high - low) / 2;
+	if (high - low <= 2 * low)
+		return low + (high - low) / 2;
+	if (low > 1e-9)
+		return sqrt(low) * sqrt(high);
+	return high > 1e-8 ? 1e-9 * sqrt(high * 1e9) : 0;
 }
 
 /*

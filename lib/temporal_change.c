@@ -26,7 +26,7 @@ static const int least = 16;	/* blocks that must be there to tell */
  */
 static const int side[SCALES] = { 5, 17 };
 static const double chance[SCALES] = { 3, 1.2 };
-/* Most that a pixel's squared misfit counts, over what errors explain: in a large window none rules. */
+/* Most that a pixel's squared misfit counts, over what errors explain: none rules a window. */
 static const double clip[SCALES] = { 1e4, 100 };
 /* Errors may be estimated this much too high or too low all over the image. */
 static const double low = 0.5, high = 3;

@@ -220,7 +220,7 @@ struct field {
 	struct motion *m;
 };
 
-/* Squared distance of what two pixels see, in steps of neighbouring pixels; far if either is not. */
+/* Squared distance of what two pixels see, in steps of neighbouring pixels; far if nothing. */
 static float apart2(const struct search *s, const struct gd_temporal_here *p, int x, int y)
 {
 	const struct place *o;

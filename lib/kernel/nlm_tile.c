@@ -181,7 +181,8 @@ INLINE void add_weights(float *restrict sum, const float *restrict w, size_t str
 INLINE void accumulate(const struct gd_nlm_tile *t, int y, int dx, int dy, int count, int x0,
 		       int x1)
 {
-	const ptrdiff_t at = y * (ptrdiff_t)t->stride + x0, to = at + dy * (ptrdiff_t)t->stride + dx;
+	const ptrdiff_t at = y * (ptrdiff_t)t->stride + x0;
+	const ptrdiff_t to = at + dy * (ptrdiff_t)t->stride + dx;
 	const float *w = t->weight + x0;
 	const int n = x1 - x0;
 
@@ -308,7 +309,7 @@ INLINE void shift_sums(const struct gd_nlm_tile *t, int dx, int dy, int f, int c
 
 #define REGION 5	/* of 8 neighbours: more than the 3 that a noisy line beside a pixel has */
 
-/* Adds what plane c says of a row: how many of the 3x3 around a pixel are noisy, itself for many. */
+/* Adds what plane c says of a row: how many of 3x3 pixels are noisy, the middle one for many. */
 static void mark_row(const struct gd_nlm_tile *t, int c, int y, float most)
 {
 	float *restrict count = t->dist, *restrict row = t->noisy + (size_t)y * t->stride;

@@ -40,8 +40,8 @@ struct gd_nlm_tile {
 	float *sum[GD_NLM_PLANES], *sum_var[GD_NLM_PLANES];
 	float *sum_weight;
 	float *noisy;			/* w x h: 1 for a pixel to filter, 0 for one that stays */
-	uint32_t *active;		/* [h] one bit for each chunk of a row with pixels to filter */
-	uint32_t *needed;		/* [-patch .. h + patch]: chunks that patches of these reach */
+	uint32_t *active;		/* [h]: a bit for each chunk of a row with any to filter */
+	uint32_t *needed;		/* [-patch .. h + patch): chunks that their patches reach */
 	float *dist, *ring, *weight, *share;	/* scratch rows: 1, and for each shift of a group
 						 * 2 patch + 1, 1 and 1 */
 };
