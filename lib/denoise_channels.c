@@ -92,7 +92,19 @@ static int choose_features(struct denoise_job *job, struct gd_err *err)
 	return GD_OK;
 }
 
-/* No layer twice, and none that is a feature, too: either is changed in place. */
+/* Whether layers a and b ("" is the colour) have a channel in common: albedo and albedo.R have. */
+static bool overlap(const struct gd_image *im, const char *a, const char *b)
+{
+	const struct gd_layer first = gd_layer_find(im, a), second = gd_layer_find(im, b);
+
+	for (int i = 0; i < first.n; i++)
+		for (int k = 0; k < second.n; k++)
+			if (!strcmp(first.name[i], second.name[k]))
+				return true;
+	return false;
+}
+
+/* No channel twice, and none of the colour or of a feature, too: all are changed in place. */
 static int check_layers(const struct denoise_job *job, struct gd_err *err)
 {
 	if (job->conf->sequence && job->layers.n)
@@ -103,11 +115,13 @@ static int check_layers(const struct denoise_job *job, struct gd_err *err)
 
 		if (!gd_layer_find(job->im, layer).n)
 			return gd_fail(err, GD_ESHAPE, "no layer %s", layer);
+		if (overlap(job->im, layer, ""))
+			return gd_fail(err, GD_EARG, "layer %s is the colour", layer);
 		for (int k = 0; k < i; k++)
-			if (!strcmp(layer, job->layers.name[k]))
+			if (overlap(job->im, layer, job->layers.name[k]))
 				return gd_fail(err, GD_EARG, "layer %s is named twice", layer);
 		for (int k = 0; k < job->features.n; k++)
-			if (!strcmp(layer, job->features.name[k]))
+			if (overlap(job->im, layer, job->features.name[k]))
 				return gd_fail(err, GD_EARG,
 					       "layer %s is a feature: it cannot be denoised, too",
 					       layer);

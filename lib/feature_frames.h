@@ -35,8 +35,8 @@ int gd_feature_set_filter(const struct gd_feature_set *to, const struct gd_featu
 void gd_feature_set_copy(const struct gd_feature_set *to, const struct gd_feature_set *from);
 
 /*
- * The feature of a neighbour, one of conf's (made as the frame's own if it has none), brought to the
- * pixels and to the slow parts of `own`: views of the neighbour's planes, which change. position:
+ * The feature of a neighbour, one of conf's (made as the frame's own if it has none), to the pixels
+ * and to the slow parts of `own`: views of the neighbour's planes, which change. position:
  * X Y Z of the frame itself; position[0].v = NULL, or a neighbour without: pixels stay where they
  * are. known: a plane for what pixels count, 0 where the neighbour shows something else.
  * result: frames, followed and solved count, found adds up.

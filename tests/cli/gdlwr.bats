@@ -177,6 +177,9 @@ refused() {
 	refused "--granularity is for sparse models: it does not go with --dense" --dense --granularity 3 in.exr
 	refused "--granularity 8 leaves gaps between windows of radius 3" -r 3 --granularity 8 in.exr
 	refused "layers of a sequence: only the colour can be filtered along time" --state -l light in.exr
+	refused "layer R is the colour" -l R in.exr
+	refused "layer light.R is named twice" -l light,light.R in.exr
+	refused "layer albedo.R is a feature: it cannot be denoised, too" -l albedo.R in.exr
 	for o in "-r 16" "-r 0" "--granularity 32" "--forget 0.4" "--forget 1.1"; do
 		# shellcheck disable=SC2086
 		run --separate-stderr "$gdlwr" $o in.exr out.exr
