@@ -2,6 +2,7 @@
 /* Which channels a denoiser reads, what they are to it, and what becomes of them. */
 #include "denoise_job.h"
 
+#include <ctype.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -104,6 +105,38 @@ static bool overlap(const struct gd_image *im, const char *a, const char *b)
 	return false;
 }
 
+/* Is a name that of a family of layers, "bin3" of "bin", "model.radius" of "model", or in one? */
+static bool in_family(const char *name, const char *family)
+{
+	const size_t n = strlen(family);
+
+	if (strncmp(name, family, n) != 0)
+		return false;
+	for (name += n; isdigit((unsigned char)*name); name++)
+		;
+	return !*name || *name == '.';
+}
+
+/*
+ * What a denoiser uses or writes for itself can be neither a feature nor a layer: it is freed when
+ * it has been used, or replaced, or changed in place.
+ */
+static int check_names(const struct denoise_names *names, struct gd_err *err)
+{
+	static const char *const own[] = { "bin", "half", "variance", "error", "model", "state" };
+
+	for (int i = 0; i < names->n; i++) {
+		bool taken = strstr(names->name[i], ".variance");
+
+		for (size_t k = 0; k < sizeof own / sizeof *own; k++)
+			taken = taken || in_family(names->name[i], own[k]);
+		if (taken)
+			return gd_fail(err, GD_EARG, "%s is no layer of its own: a denoiser uses "
+				       "that name", names->name[i]);
+	}
+	return GD_OK;
+}
+
 /* No channel twice, and none of the colour or of a feature, too: all are changed in place. */
 static int check_layers(const struct denoise_job *job, struct gd_err *err)
 {
@@ -191,9 +224,16 @@ int gd_denoise_choose(struct denoise_job *job, struct gd_err *err)
 	rc = choose_features(job, err);
 	if (rc == GD_OK && job->conf->layers)
 		rc = split(&job->layers, job->conf->layers, err);
+	if (rc == GD_OK)
+		rc = check_names(&job->features, err);
+	if (rc == GD_OK)
+		rc = check_names(&job->layers, err);
 	for (int i = 0; i < job->features.n && rc == GD_OK; i++)
 		if (!has_feature(job, job->features.name[i]))
 			rc = gd_fail(err, GD_ESHAPE, "no feature layer %s", job->features.name[i]);
+		else if (overlap(im, job->features.name[i], ""))
+			rc = gd_fail(err, GD_EARG, "feature %s is the colour",
+				     job->features.name[i]);
 	if (rc == GD_OK)
 		rc = check_layers(job, err);
 	job->layer_halves = rc == GD_OK && layers_have_halves(job);

@@ -113,6 +113,12 @@ static void test_refused(void **state)
 		{ "none", "Z,Z", "layer Z is named twice" },
 		{ "none", "fog", "no layer fog" },
 		{ "P", NULL, "no feature layer P" },
+		{ "error", NULL, "error is no layer of its own: a denoiser uses that name" },
+		{ "Z,Z.variance", NULL, "Z.variance is no layer of its own: a denoiser uses that "
+					"name" },
+		{ "none", "bin2", "bin2 is no layer of its own: a denoiser uses that name" },
+		{ "model.radius", NULL, "model.radius is no layer of its own: a denoiser uses that "
+					"name" },
 	};
 	struct gd_image im = { 0 };
 
