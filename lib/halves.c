@@ -162,59 +162,90 @@ static inline float most(float a, float b)
 	return a > b ? a : b;
 }
 
-/* Pixel x cut to the range of its neighbours a (before), b (after) and those above and below. */
-static inline float calm_pixel(const float *up, const float *row, const float *down, int a, int x,
-			       int b)
-{
-	float low = least(least(least(up[a], up[x]), least(up[b], row[a])),
-			  least(least(down[a], down[x]), least(down[b], row[b])));
-	float high = most(most(most(up[a], up[x]), most(up[b], row[a])),
-			  most(most(down[a], down[x]), most(down[b], row[b])));
+/* Rows of a plane around the pixels in question. */
+struct rows {
+	const float *up, *row, *down;
+};
 
-	return least(most(row[x], low), high);
+/* Pixel x cut to the range of its neighbours: a before, b after, and those above and below. */
+static inline float cut(struct rows r, int a, int x, int b)
+{
+	float low = least(least(least(r.up[a], r.up[x]), least(r.up[b], r.row[a])),
+			  least(least(r.down[a], r.down[x]), least(r.down[b], r.row[b])));
+	float high = most(most(most(r.up[a], r.up[x]), most(r.up[b], r.row[a])),
+			  most(most(r.down[a], r.down[x]), most(r.down[b], r.row[b])));
+
+	return least(most(r.row[x], low), high);
 }
 
-/* A row with each pixel cut to the range of its neighbours; up, down: the rows beside it. */
-static void calm_row(float *restrict to, const float *restrict up, const float *restrict row,
-		     const float *restrict down, int w)
+/* The same, but for as much as the other half's pixel sticks out in the same direction. */
+static inline float calm_pixel(struct rows r, struct rows other, int a, int x, int b)
 {
-	to[0] = calm_pixel(up, row, down, 1, 0, 1);
+	float to = cut(r, a, x, b), v = r.row[x];
+	float out = other.row[x] - cut(other, a, x, b);
+	float both = v > to ? most(out, 0) : least(out, 0);
+
+	return v > to ? least(to + both, v) : v < to ? most(to + both, v) : v;
+}
+
+static void calm_row(float *restrict to, struct rows r, struct rows other, int w)
+{
+	to[0] = calm_pixel(r, other, 1, 0, 1);
 	for (int x = 1; x < w - 1; x++)
-		to[x] = calm_pixel(up, row, down, x - 1, x, x + 1);
-	to[w - 1] = calm_pixel(up, row, down, w - 2, w - 1, w - 2);
+		to[x] = calm_pixel(r, other, x - 1, x, x + 1);
+	to[w - 1] = calm_pixel(r, other, w - 2, w - 1, w - 2);
 }
 
-/* The same for a whole plane, in place. */
-static void calm(struct gd_plane p, struct gd_plane spare)
+static struct rows rows_at(struct gd_plane p, int y)
 {
-	const int last = p.h - 1;
+	int up = y > 0 ? y - 1 : y + 1, down = y < p.h - 1 ? y + 1 : y - 1;
 
+	return (struct rows){ gd_row(p, up), gd_row(p, y), gd_row(p, down) };
+}
+
+/* Both halves of a plane, in place; with n = 1 there is only the first. */
+static void calm(const struct gd_plane *p, int n, const struct gd_plane *spare)
+{
+	for (int half = 0; half < n; half++) {
 #pragma omp parallel for schedule(static)
-	for (int y = 0; y < p.h; y++) {
-		int up = y > 0 ? y - 1 : y + 1, down = y < last ? y + 1 : y - 1;
+		for (int y = 0; y < p[0].h; y++) {
+			struct rows r = rows_at(p[half], y);
+			struct rows other = rows_at(p[n - 1 - half], y);
 
-		calm_row(gd_row(spare, y), gd_row(p, up), gd_row(p, y), gd_row(p, down), p.w);
+			if (n == 1)	/* nobody confirms what sticks out: no pixel is cut beside itself */
+				other = (struct rows){ r.row, r.row, r.row };
+			calm_row(gd_row(spare[half], y), r, other, p[0].w);
+		}
 	}
+	for (int half = 0; half < n; half++) {
 #pragma omp parallel for schedule(static)
-	for (int y = 0; y < p.h; y++)
-		memcpy(gd_row(p, y), gd_row(spare, y), (size_t)p.w * sizeof(float));
+		for (int y = 0; y < p[0].h; y++)
+			memcpy(gd_row(p[half], y), gd_row(spare[half], y),
+			       (size_t)p[0].w * sizeof(float));
+	}
 }
 
 int gd_halves_calm(struct gd_crossfit_in *in, struct gd_err *err)
 {
-	struct gd_plane spare = { 0 };
-	int rc = GD_OK;
+	const int n = gd_halves_count(in);
+	struct gd_plane spare[2] = { { 0 } };
+	int rc;
 
 	if (in->nfeature == 0 || in->y[0][0].w < 2 || in->y[0][0].h < 2)
 		return GD_OK;
-	rc = gd_halves_planes(&spare, 1, in->y[0][0], err);
-	for (int half = 0; half < gd_halves_count(in) && rc == GD_OK; half++)
-		for (int c = 0; c < in->nfeature; c++) {
-			calm(in->feature[half][c], spare);
-			for (int f = 0; f < in->nframe; f++)
-				calm(in->frame[f].feature[half][c], spare);
+	rc = gd_halves_planes(spare, n, in->y[0][0], err);
+	for (int c = 0; c < in->nfeature && rc == GD_OK; c++) {
+		const struct gd_plane both[2] = { in->feature[0][c], in->feature[1][c] };
+
+		calm(both, n, spare);
+		for (int f = 0; f < in->nframe; f++) {
+			const struct gd_crossfit_frame *frame = in->frame + f;
+
+			calm((const struct gd_plane[]){ frame->feature[0][c], frame->feature[1][c] },
+			     n, spare);
 		}
-	gd_halves_free(&spare, 1);
+	}
+	gd_halves_free(spare, 2);
 	return rc;
 }
 

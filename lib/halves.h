@@ -97,8 +97,8 @@ int gd_halves_cut(struct gd_crossfit_in *in, struct gd_err *err);
 
 /*
  * Takes spikes of one pixel out of the features of the halves, in place: what is beyond all of its
- * 8 neighbours becomes the nearest of them. A Poisson solve leaves such pixels, and a regression
- * hands them on to the image.
+ * 8 neighbours becomes the nearest of them, but for as much as both halves stick out by. A Poisson
+ * solve leaves such pixels, and a regression hands them on to the image.
  */
 int gd_halves_calm(struct gd_crossfit_in *in, struct gd_err *err);
 
