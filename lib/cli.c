@@ -13,7 +13,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "isa.h"
@@ -564,30 +563,6 @@ int gd_cli_load(struct gd_cli *cli, struct gd_exr *file, struct gd_image *im, st
 	gd_exr_close(file);
 	cli->io_seconds += gd_seconds() - start;
 	return rc;
-}
-
-static bool find_file(const char *path, struct stat *st)
-{
-	return (strcmp(path, "-") ? stat(path, st) : fstat(STDIN_FILENO, st)) == 0 &&
-	       S_ISREG(st->st_mode);
-}
-
-/* Noise that comes twice is taken for signal, and makes the error estimate too small. */
-int gd_cli_check_neighbours(const struct gd_cli *cli, const struct gd_list *list,
-			    struct gd_err *err)
-{
-	struct stat a, b;
-
-	for (int i = 0; i < list->n; i++)
-		for (int k = -1; k < i; k++) {
-			if (!strcmp(list->v[i], "-") || !find_file(list->v[i], &a) ||
-			    !find_file(k < 0 ? cli->input : list->v[k], &b) ||
-			    a.st_dev != b.st_dev || a.st_ino != b.st_ino)
-				continue;
-			return gd_fail(err, GD_EARG, "--neighbours %s: %s", list->v[i],
-				       k < 0 ? "the frame itself" : "named twice");
-		}
-	return GD_OK;
 }
 
 static int sign(struct gd_cli *cli, struct gd_image *im, struct gd_err *err)
