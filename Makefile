@@ -24,19 +24,41 @@ MARCH_base :=
 MARCH_v3 := -march=x86-64-v3
 MARCH_v4 := -march=x86-64-v4 -mprefer-vector-width=512
 
-TOOLS := $(patsubst cmd/%.c,%,$(wildcard cmd/gd*.c))
+# gdrender needs Embree, assimp and cJSON; without them the other tools are built all the same.
+RENDERPKG := assimp libcjson
+RENDER := $(shell pkg-config --exists $(RENDERPKG) 2>/dev/null && \
+	echo '\#include <embree3/rtcore.h>' | $(CC) -E -x c - >/dev/null 2>&1 && echo yes)
+RENDERLIBS := -lembree3 $(shell pkg-config --libs $(RENDERPKG) 2>/dev/null)
+RENDERO := $(patsubst lib/%.c,$(O)/%.o,$(wildcard lib/render/*.c))
+
+TOOLS := $(filter-out $(if $(RENDER),,gdrender),$(patsubst cmd/%.c,%,$(wildcard cmd/gd*.c)))
 BINS := $(TOOLS:%=$(B)/%)
 LIBC := $(filter-out lib/cli.c,$(wildcard lib/*.c))
 KERNELS := $(wildcard lib/kernel/*.c)
 LIBO := $(LIBC:lib/%.c=$(O)/%.o) $(foreach i,$(ISA),$(KERNELS:lib/kernel/%.c=$(O)/%.$i.o))
 
 all: core plugin
+ifneq ($(RENDER),yes)
+	@echo "note: without Embree 3, assimp and cJSON there is no gdrender (make deps)"
+endif
 
 core: $(BINS)
 
 $(B)/%: $(O)/cmd/%.o $(O)/cli.o $(O)/libgd.a
 	@mkdir -p $(@D)
 	$(CC) $(CFLAGS) $(OWN) $(LDFLAGS) -o $@ $^ $(LIBS)
+
+$(B)/gdrender: $(O)/cmd/gdrender.o $(O)/cli.o $(O)/libgdrender.a $(O)/libgd.a
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) $(OWN) $(LDFLAGS) -o $@ $^ $(RENDERLIBS) $(LIBS)
+
+$(O)/libgdrender.a: $(RENDERO)
+	@rm -f $@
+	$(AR) rcs $@ $^
+
+$(O)/render/%.o: lib/render/%.c
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) $(OWN) $(KERN) $(shell pkg-config --cflags $(RENDERPKG) 2>/dev/null) -MMD -MP -c -o $@ $<
 
 $(O)/libgd.a: $(LIBO)
 	@rm -f $@
@@ -73,8 +95,10 @@ endif
 
 # Test programs, one for each file; tests/support/*.c are tools of the tests.
 TESTC := $(wildcard tests/unit/test_*.c tests/num/*.c tests/hard/*.c)
+RENDERTESTC := $(if $(RENDER),$(wildcard tests/render/test_*.c))
 SUPPORTC := $(wildcard tests/support/*.c)
 BENCHC := $(wildcard tests/bench/*.c)
+RENDERTESTS := $(RENDERTESTC:%.c=$(O)/%)
 TESTS := $(TESTC:%.c=$(O)/%)
 SUPPORT := $(SUPPORTC:%.c=$(O)/%)
 BENCHES := $(BENCHC:%.c=$(O)/%)
@@ -85,7 +109,11 @@ $(TESTS) $(SUPPORT) $(BENCHES): $(O)/%: %.c $(O)/libgd.a
 	@mkdir -p $(@D)
 	$(CC) $(CFLAGS) $(OWN) -MMD -MP -MF $@.d -o $@ $< $(O)/libgd.a $(LDFLAGS) $(TESTLIBS) $(LIBS)
 
-tests: core $(TESTS) $(SUPPORT)
+$(RENDERTESTS): $(O)/%: %.c $(O)/libgdrender.a $(O)/libgd.a
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) $(OWN) -MMD -MP -MF $@.d -o $@ $< $(O)/libgdrender.a $(O)/libgd.a $(LDFLAGS) -lcmocka $(RENDERLIBS) $(LIBS)
+
+tests: core $(TESTS) $(RENDERTESTS) $(SUPPORT)
 
 # Every test, then every test again under the sanitizers; the last line is "N passed, M failed".
 test:
@@ -100,7 +128,7 @@ check: tests plugin
 
 # Each header alone, manuals, shell scripts.
 lint:
-	@for h in lib/*.h; do echo "#include \"$${h#lib/}\"" | \
+	@for h in lib/*.h lib/render/*.h; do echo "#include \"$${h#lib/}\"" | \
 		$(CC) $(OWN) -x c -fsyntax-only - || { echo "$$h does not stand alone"; exit 1; }; done
 	@mandoc -T lint -W warning man/*.[157]
 	@shellcheck -x .ci/run tests/run $(wildcard tests/bench/*.sh tests/support/*.sh tests/*.sh)
@@ -117,7 +145,8 @@ bench: all $(BENCHES) $(SUPPORT)
 		OUT=$(abspath build/bench)
 
 DEPS_CORE := gcc libc6-dev make pkg-config libopenexr-dev zlib1g-dev
-DEPS := $(DEPS_CORE) g++ libopenimageio-dev libopencolorio-dev libcmocka-dev bats mandoc gnuplot-nox
+DEPS := $(DEPS_CORE) g++ libopenimageio-dev libopencolorio-dev libembree-dev libassimp-dev libcjson-dev \
+	libcmocka-dev bats mandoc gnuplot-nox
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
 deps:

@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * How a surface scatters. One material model, glTF's metallic-roughness with transmission, is a sum
+ * of up to three lobes; m = metallic, t = transmission, F = Fresnel reflectance:
+ *	diffuse		(1 - m) (1 - t) base / pi * (1 - F(o)) (1 - F(i))
+ *	reflection	GGX with visible normals; F = (1 - m) dielectric(ior) + m Schlick(base)
+ *	transmission	(1 - m) t base (1 - F) through GGX, refracted by ior
+ * so that nothing reflects more than it gets. alpha = roughness^2; below GD_SMOOTH the reflection
+ * and transmission are mirrors and panes (delta functions).
+ * Radiance is basic radiance, L / n^2: right wherever camera and lights stand in air.
+ *
+ * For gradient-domain path tracing each scattering event carries a label, a part of the path:
+ *	GD_ROUGH	all lobes of alpha >= GD_SHARP together, and the diffuse one
+ *	GD_REFLECT	the reflection, if its alpha < GD_SHARP
+ *	GD_TRANSMIT	the transmission, if its alpha < GD_SHARP
+ * An offset path takes the label of its base path; values and densities are those of the label.
+ * Their sum over labels is the whole BSDF.
+ */
+#ifndef GD_RENDER_BSDF_H
+#define GD_RENDER_BSDF_H
+
+#include "render/scene.h"
+
+#define GD_SMOOTH 1e-3f	/* alpha below which a lobe narrower than float angles resolve is a delta */
+#define GD_SHARP 0.05f	/* alpha (about the lobe's half width in radians) below which two neighbouring
+			   pixels see different reflections: joining paths there loses them */
+
+enum gd_event { GD_ROUGH, GD_REFLECT, GD_TRANSMIT };
+
+/* The material at one point, as seen along wo. */
+struct gd_bsdf {
+	struct gd_frame frame;		/* n: shading normal on the geometric normal's side of the surface */
+	struct gd_v3 ng;		/* geometric normal */
+	struct gd_v3 wo;		/* towards where the path comes from, in the frame; z < 0: inside */
+	struct gd_v3 diffuse;		/* albedo of the diffuse lobe, without (1 - F)(1 - F) */
+	struct gd_v3 f0;		/* Schlick colour of the metal: m base */
+	struct gd_v3 pass;		/* (1 - m) t base */
+	float metallic, ior, alpha;
+	float chance[3];		/* of each label, they sum to 1, or to 0 if all is black */
+	float share[3];			/* of diffuse, reflection, transmission inside GD_ROUGH */
+	struct gd_v3 albedo;		/* for G-buffers: colour of all lobes together, 0 .. 1 */
+};
+
+struct gd_scatter {
+	enum gd_event event;
+	struct gd_v3 wi;		/* world space, length 1 */
+	struct gd_v3 f;			/* value times |cos(n, wi)|, of the label alone;
+					   smooth: factor of the delta function */
+	float pdf;			/* by solid angle, chance of the label included; smooth: a probability */
+	bool smooth;
+	struct gd_v3 copy;		/* what a copy keeps, in the frame: GD_ROUGH wi; else the half vector */
+	float dw;			/* |d wi / d copy|, solid angles; 1 if smooth or GD_ROUGH */
+};
+
+/* hit on the surface of scene; wo in world space, length 1. false: neither side scatters. */
+bool gd_bsdf_at(struct gd_bsdf *b, const struct gd_scene *scene, const struct gd_hit *hit,
+		struct gd_v3 wo);
+
+/* b as seen along another wo (world space, length 1). */
+bool gd_bsdf_turn(struct gd_bsdf *turned, const struct gd_bsdf *b, struct gd_v3 wo);
+
+/* Draws a label, then a direction. u: uniform in [0, 1). false: absorbed. */
+bool gd_bsdf_sample(const struct gd_bsdf *b, const float u[3], struct gd_scatter *s);
+
+/* Value times cosine, and density with the label's chance, of label GD_ROUGH; wi in world space.
+ * Both 0 where shading and geometric normal disagree about the side. */
+struct gd_v3 gd_bsdf_rough(const struct gd_bsdf *b, struct gd_v3 wi, float *pdf);
+
+/* Value times cosine of the sharp labels together, without the smooth: what a delta light sees. */
+struct gd_v3 gd_bsdf_sharp(const struct gd_bsdf *b, struct gd_v3 wi);
+
+/*
+ * The event of another vertex taken over by this one: same label, same smoothness, same copy.
+ * The Jacobian of the map from from->wi to to->wi is to->dw / from->dw. It is its own inverse:
+ * copying back gives from. false where that does not exist.
+ */
+bool gd_bsdf_copy(const struct gd_bsdf *b, const struct gd_scatter *from, struct gd_scatter *to);
+
+#endif
