@@ -14,10 +14,10 @@
 #include "gd.h"
 #include "render/vec.h"
 
-#define GD_NONE UINT32_MAX
+#define GD_NO_INDEX UINT32_MAX
 
 /*
- * glTF's metallic-roughness material. Colours are linear. Texture indices may be GD_NONE; a factor
+ * glTF's metallic-roughness material. Colours are linear. Texture indices may be GD_NO_INDEX; a factor
  * multiplies its texture.
  */
 struct gd_material {
@@ -42,7 +42,7 @@ struct gd_texture {
 struct gd_triangle {
 	uint32_t vertex[3];
 	uint32_t material;
-	uint32_t light;			/* index into scene.light, or GD_NONE */
+	uint32_t light;			/* index into scene.light, or GD_NO_INDEX */
 };
 
 enum gd_light_kind { GD_AREA, GD_POINT, GD_SPOT, GD_DIRECTIONAL, GD_ENVIRONMENT };
@@ -89,7 +89,7 @@ struct gd_scene {
 	float *light_cdf;		/* nlight + 1 */
 	size_t nlight;
 	struct gd_environment environment;
-	uint32_t environment_light;	/* index into light, or GD_NONE */
+	uint32_t environment_light;	/* index into light, or GD_NO_INDEX */
 	struct gd_view view;
 	struct gd_v3 low, high;		/* bounding box */
 	void *rays;			/* Embree's scene, owned by ray.c */
