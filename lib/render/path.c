@@ -1,0 +1,284 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The base path: camera ray, light sampling, scattering, Russian roulette; and what paths add up to. */
+#include "render/path.h"
+
+#include <string.h>
+
+#include "render/walk.h"
+#include "rng.h"
+
+#define SURVIVAL_LEAST 0.05f	/* so that a path that survives counts 20 times at most */
+
+struct gd_draw gd_draw_start(uint64_t seed, uint32_t x, uint32_t y, uint32_t sample)
+{
+	const struct gd_rng_key key = gd_rng_key(seed, (uint64_t)y << 32 | x);
+	struct gd_draw d = {
+		.state = (uint64_t)gd_rng_u32(key, sample, 0) << 32 | gd_rng_u32(key, sample, 1),
+		.step = (uint64_t)gd_rng_u32(key, sample, 2) << 32 | gd_rng_u32(key, sample, 3) | 1,
+	};
+
+	return d;
+}
+
+/* PCG-XSH-RR (O'Neill 2014). */
+float gd_draw(struct gd_draw *d)
+{
+	const uint64_t s = d->state;
+	const uint32_t x = (uint32_t)((s >> 18 ^ s) >> 27), turn = (uint32_t)(s >> 59);
+
+	d->state = s * 6364136223846793005ULL + d->step;
+	return (float)((x >> turn | x << (-turn & 31)) >> 8) * 0x1p-24f;
+}
+
+float gd_walk_survival(struct gd_v3 t)
+{
+	return fminf(1, fmaxf(SURVIVAL_LEAST, gd_largest(t)));
+}
+
+struct gd_v3 gd_walk_camera(const struct gd_path_in *in, const struct gd_view *view, float px,
+			    float py, const float lens[2], struct gd_v3 *origin)
+{
+	const float x = (2 * px / (float)in->w - 1) * view->tan_x;
+	const float y = (1 - 2 * py / (float)in->h) * view->tan_y;
+	const struct gd_v3 through = gd_mad(gd_mad(view->forward, x, view->right), y, view->up);
+	struct gd_v3 shift;
+
+	*origin = view->origin;
+	if (view->lens <= 0)
+		return gd_unit(through);
+	shift = gd_mad(gd_scale(view->right, view->lens * lens[0]), view->lens * lens[1], view->up);
+	*origin = gd_add(view->origin, shift);
+	return gd_unit(gd_sub(gd_scale(through, view->focus), shift));
+}
+
+struct gd_v3 gd_walk_reflect(const struct gd_bsdf *b, const struct gd_light_sample *s, float *pdf)
+{
+	struct gd_v3 f = gd_bsdf_rough(b, s->d, pdf);
+
+	if (!s->delta)
+		return f;
+	*pdf = 0;
+	return gd_add(f, gd_bsdf_sharp(b, s->d));
+}
+
+static bool finite3(struct gd_v3 a)
+{
+	return isfinite(a.x + a.y + a.z);
+}
+
+static void gather(struct gd_v3 *sum, struct gd_v3 a)
+{
+	if (finite3(a))
+		*sum = gd_add(*sum, a);
+}
+
+/* Do f(x) and J f(y) differ by more than a factor, neither of them 0? */
+static bool apart(struct gd_v3 fx, struct gd_v3 fy, float ratio)
+{
+	const float a = gd_luma(fx), b = gd_luma(fy);
+
+	return a > 0 && b > 0 && (a > ratio * b || b > ratio * a);
+}
+
+/* A path that ends here: f of the base path, and P, both over one density; fy, qy likewise. */
+static void add_halves(const struct gd_walk *w, struct gd_v3 fx, float p)
+{
+	for (int k = 0; k < w->n; k++) {
+		const struct gd_offset *o = &w->o[k];
+		const bool shifted = !apart(fx, o->fy, w->conf->shift_ratio);
+		const float d = 1 / (p + (shifted ? w->in->r[k] * o->qy : 0));
+		const struct gd_v3 mine = gd_scale(fx, d);
+		const struct gd_v3 theirs = gd_scale(o->fy, shifted ? d : 0);
+
+		if (!finite3(gd_sub(theirs, mine)))
+			continue;
+		w->out->mine[k] = gd_add(w->out->mine[k], mine);
+		w->out->theirs[k] = gd_add(w->out->theirs[k], theirs);
+	}
+}
+
+static void add_path(const struct gd_walk *w, struct gd_v3 fx, float p)
+{
+	gather(&w->out->colour, gd_scale(fx, 1 / p));
+	if (w->n)
+		add_halves(w, fx, p);
+}
+
+/* The ray from o along d: where the path may end, or go on. */
+static void look(const struct gd_walk *w, struct gd_v3 o, struct gd_v3 d, struct gd_arrival *a)
+{
+	a->miss = !gd_ray_hit(w->scene, o, d, &a->hit);
+	a->solid = false;
+	a->pdf_light = 0;
+	if (a->miss) {
+		a->radiance = gd_environment_at(w->scene, d);
+		return;
+	}
+	a->radiance = gd_light_emitted(w->scene, &a->hit, gd_scale(d, -1));
+	a->solid = gd_bsdf_at(&a->b, w->scene, &a->hit, gd_scale(d, -1));
+}
+
+/* G-buffers: of the first surface that is not a mirror or a pane. */
+static void note_surface(const struct gd_walk *w, const struct gd_arrival *a, float z)
+{
+	struct gd_path_out *out = w->out;
+	const bool clear = a->solid && a->b.chance[GD_ROUGH] == 0 && a->b.alpha < GD_SMOOTH;
+
+	if (out->hits || a->miss || clear)
+		return;
+	out->hits = 1;
+	out->z = z;
+	out->normal = a->hit.ns;
+	out->position = a->hit.p;
+	if (a->solid) {
+		const struct gd_v3 c = gd_mul(a->b.albedo, w->t);
+
+		out->albedo = gd_v3(fminf(c.x, 1), fminf(c.y, 1), fminf(c.z, 1));
+	}
+}
+
+static void sample_light(struct gd_walk *w)
+{
+	const float choice = gd_draw(w->draw), u = gd_draw(w->draw), v = gd_draw(w->draw);
+	struct gd_light_sample s;
+	struct gd_v3 f;
+	float pdf;
+	bool seen;
+
+	if (!gd_light_sample(w->scene, w->hit.p, choice, u, v, &s) || !(s.pdf > 0))
+		return;
+	if (!w->conf->mis && !s.delta)
+		return;
+	f = gd_walk_reflect(&w->b, &s, &pdf);
+	if (gd_black(f) || gd_black(s.radiance))
+		return;
+	seen = gd_ray_free(w->scene, w->hit.p, s.d, s.t);
+	if (w->n)
+		gd_shift_light(w, &s, f, pdf, seen);
+	else if (!seen)
+		return;
+	add_path(w, seen ? gd_mul(w->t, gd_mul(f, s.radiance)) : gd_v3(0, 0, 0),
+		 s.pdf + (seen ? pdf : 0));
+}
+
+/* Density with which light sampling at x_k would have found what event s found. */
+static float density_of_light(const struct gd_walk *w, const struct gd_scatter *s,
+			      const struct gd_arrival *a)
+{
+	if (s->event != GD_ROUGH || !w->conf->mis || gd_black(a->radiance))
+		return 0;
+	return a->miss ? gd_environment_pdf(w->scene, s->wi) : gd_light_pdf(w->scene, &a->hit, s->wi);
+}
+
+/* Ambient light, for the gradients alone. */
+static void add_ambient(struct gd_walk *w, const struct gd_arrival *a)
+{
+	if (!w->n || !a->solid || w->conf->ambient <= 0)
+		return;
+	gd_shift_ambient(w, a);
+	add_halves(w, gd_scale(gd_mul(w->t, a->b.albedo), w->conf->ambient), 1);
+}
+
+/* From x_k to the next vertex. Returns false if the path ends at x_k. */
+static bool scatter(struct gd_walk *w, struct gd_arrival *a)
+{
+	const float survive = w->segments >= GD_ROULETTE_FROM ? gd_walk_survival(w->t) : 1;
+	struct gd_scatter s;
+	float u[3];
+
+	if (survive < 1 && gd_draw(w->draw) >= survive)
+		return false;
+	for (int i = 0; i < 3; i++)
+		u[i] = gd_draw(w->draw);
+	if (!gd_bsdf_sample(&w->b, u, &s) || gd_black(s.f))
+		return false;
+	w->t = gd_scale(w->t, 1 / survive);
+	if (w->n)
+		gd_shift_resolve(w, &s, survive);
+	look(w, w->hit.p, s.wi, a);
+	a->last = w->segments + 1 >= w->conf->depth;
+	a->pdf_light = density_of_light(w, &s, a);
+	if (w->n)
+		gd_shift_follow(w, &s, a);
+	w->t = gd_mul(w->t, gd_scale(s.f, 1 / s.pdf));
+	w->last = s;
+	add_path(w, gd_mul(w->t, a->radiance), 1 + a->pdf_light / s.pdf);
+	add_ambient(w, a);
+	return true;
+}
+
+/* A point of the unit disc, from the square (Shirley and Chiu 1997). */
+static void to_disc(float u, float v, float lens[2])
+{
+	const float a = 2 * u - 1, b = 2 * v - 1, quarter = 0.785398163f;
+	float r, phi;
+
+	lens[0] = lens[1] = 0;
+	if (a == 0 && b == 0)
+		return;
+	if (fabsf(a) > fabsf(b)) {
+		r = a;
+		phi = quarter * b / a;
+	} else {
+		r = b;
+		phi = 2 * quarter - quarter * a / b;
+	}
+	lens[0] = r * cosf(phi);
+	lens[1] = r * sinf(phi);
+}
+
+static void start(struct gd_walk *w, struct gd_arrival *a)
+{
+	const float u = gd_draw(w->draw), v = gd_draw(w->draw);
+	float lens[2] = { 0, 0 };
+	struct gd_v3 o, d;
+
+	if (w->scene->view.lens > 0) {
+		const float x = gd_draw(w->draw), y = gd_draw(w->draw);
+
+		to_disc(x, y, lens);
+	}
+	d = gd_walk_camera(w->in, &w->scene->view, (float)w->in->x + u, (float)w->in->y + v, lens,
+			   &o);
+	look(w, o, d, a);
+	if (w->n)
+		gd_shift_start(w, u, v, lens);
+	add_path(w, a->radiance, 1);
+	add_ambient(w, a);
+}
+
+void gd_path_trace(const struct gd_scene *scene, const struct gd_path_conf *conf,
+		   const struct gd_path_in *in, struct gd_draw *draw, struct gd_path_out *out)
+{
+	struct gd_walk w;
+	struct gd_arrival a;
+	float z;
+
+	memset(out, 0, sizeof *out);
+	w.scene = scene;
+	w.conf = conf;
+	w.in = in;
+	w.draw = draw;
+	w.out = out;
+	w.n = in->n;
+	w.t = gd_v3(1, 1, 1);
+	start(&w, &a);
+	z = a.miss ? 0 : a.hit.t;
+	note_surface(&w, &a, z);
+	for (w.segments = 1; a.solid && w.segments < conf->depth; w.segments++) {
+		w.hit = a.hit;
+		w.b = a.b;
+		if (scene->nlight)
+			sample_light(&w);
+		if (!scatter(&w, &a))
+			break;
+		z += a.miss ? 0 : a.hit.t;
+		if (w.last.smooth)
+			note_surface(&w, &a, z);
+		else
+			out->hits |= 2;
+	}
+	out->hits &= 1;
+	for (int k = 0; k < in->n; k++)
+		out->half[k] = gd_sub(out->theirs[k], out->mine[k]);
+}
