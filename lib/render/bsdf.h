@@ -1,18 +1,28 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * How a surface scatters. One material model, glTF's metallic-roughness with transmission, is a sum
- * of up to three lobes; m = metallic, t = transmission, F = Fresnel reflectance:
- *	diffuse		(1 - m) (1 - t) base / pi * (1 - F(o)) (1 - F(i))
- *	reflection	GGX with visible normals; F = (1 - m) dielectric(ior) + m Schlick(base)
- *	transmission	(1 - m) t base (1 - F) through GGX, refracted by ior
- * so that nothing reflects more than it gets. alpha = roughness^2; below GD_SMOOTH the reflection
- * and transmission are mirrors and panes (delta functions).
- * Radiance is basic radiance, L / n^2: right wherever camera and lights stand in air.
+ * of up to three lobes; m = metallic, t = transmission, D = Fresnel reflectance of a dielectric
+ * (unpolarised, exact), F = (1 - m) D + m Schlick(base), h = half vector:
+ *	diffuse		(1 - m) (1 - t) base / pi * (1 - D(n.o)) (1 - D(n.i))
+ *	reflection	F(o.h) through GGX with visible normals
+ *	transmission	(1 - m) t base (1 - D(o.h)) through GGX, refracted by ior
+ * so that nothing reflects more than it gets. Masking is Smith's, correlated by height, in all of
+ * GGX. alpha = roughness^2; below GD_SMOOTH the reflection and transmission are mirrors and panes
+ * (delta functions). Where ior is 1 (to 1e-3) light passes straight on whatever the roughness is.
+ * A material that lets nothing pass looks alike from both sides.
+ *
+ * Radiance is basic radiance, L / n^2: right wherever camera and lights stand in air. Reflection is
+ * symmetric then, f(o, i) = f(i, o); transmission has n_o^2 f(o, i) = n_i^2 f(i, o), n_x: index of
+ * the medium on x's side (Walter et al. 2007, equation 21, without the n^2 of radiance).
+ *
+ * Sides are those of the geometric normal. Directions on different sides of shading and geometric
+ * normal scatter nothing; but where wo is such a direction the geometric normal is the frame, so
+ * that no black rims appear.
  *
  * For gradient-domain path tracing each scattering event carries a label, a part of the path:
  *	GD_ROUGH	all lobes of alpha >= GD_SHARP together, and the diffuse one
  *	GD_REFLECT	the reflection, if its alpha < GD_SHARP
- *	GD_TRANSMIT	the transmission, if its alpha < GD_SHARP
+ *	GD_TRANSMIT	the transmission, if its alpha < GD_SHARP or it goes straight on
  * An offset path takes the label of its base path; values and densities are those of the label.
  * Their sum over labels is the whole BSDF.
  */
@@ -29,16 +39,22 @@ enum gd_event { GD_ROUGH, GD_REFLECT, GD_TRANSMIT };
 
 /* The material at one point, as seen along wo. */
 struct gd_bsdf {
-	struct gd_frame frame;		/* n: shading normal on the geometric normal's side of the surface */
-	struct gd_v3 ng;		/* geometric normal */
+	struct gd_frame frame;		/* n: shading normal on the geometric normal's side of the surface,
+					   or the geometric normal itself where wo demands it */
+	struct gd_v3 ng, ns;		/* geometric and shading normal, ns on ng's side */
 	struct gd_v3 wo;		/* towards where the path comes from, in the frame; z < 0: inside */
-	struct gd_v3 diffuse;		/* albedo of the diffuse lobe, without (1 - F)(1 - F) */
+	struct gd_v3 diffuse;		/* albedo of the diffuse lobe, without (1 - D)(1 - D) */
 	struct gd_v3 f0;		/* Schlick colour of the metal: m base */
 	struct gd_v3 pass;		/* (1 - m) t base */
 	float metallic, ior, alpha;
 	float chance[3];		/* of each label, they sum to 1, or to 0 if all is black */
 	float share[3];			/* of diffuse, reflection, transmission inside GD_ROUGH */
-	struct gd_v3 albedo;		/* for G-buffers: colour of all lobes together, 0 .. 1 */
+	struct gd_v3 albedo;		/* for G-buffers: the base colour, whatever the lobes, 0 .. 1 */
+	float through;			/* alpha of the transmission: alpha, or 0 if ior is 1 */
+	float up;			/* 1 if wo.z > 0, else -1 */
+	float eta;			/* index of the far side of the surface, as seen from wo, over the near */
+	float reflected;		/* D(n.wo) */
+	float slant;			/* sqrt(alpha^2 + (1 - alpha^2) wo.z^2), for masking */
 };
 
 struct gd_scatter {
@@ -48,15 +64,18 @@ struct gd_scatter {
 					   smooth: factor of the delta function */
 	float pdf;			/* by solid angle, chance of the label included; smooth: a probability */
 	bool smooth;
-	struct gd_v3 copy;		/* what a copy keeps, in the frame: GD_ROUGH wi; else the half vector */
+	struct gd_v3 copy;		/* what a copy keeps, in the frame mirrored so that wo.z > 0:
+					   GD_ROUGH wi; else the half vector, z > 0 */
 	float dw;			/* |d wi / d copy|, solid angles; 1 if smooth or GD_ROUGH */
 };
 
-/* hit on the surface of scene; wo in world space, length 1. false: neither side scatters. */
+/* hit on the surface of scene; wo in world space, length 1. false: nothing is scattered towards wo
+ * (black, or wo within the surface to 1e-6); albedo, ng and ns are filled all the same. */
 bool gd_bsdf_at(struct gd_bsdf *b, const struct gd_scene *scene, const struct gd_hit *hit,
 		struct gd_v3 wo);
 
-/* b as seen along another wo (world space, length 1). */
+/* b, also one that came with false, as seen along another wo (world space, length 1). turned may
+ * be b. */
 bool gd_bsdf_turn(struct gd_bsdf *turned, const struct gd_bsdf *b, struct gd_v3 wo);
 
 /* Draws a label, then a direction. u: uniform in [0, 1). false: absorbed. */
