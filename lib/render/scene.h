@@ -77,7 +77,7 @@ struct gd_view {
 };
 
 struct gd_scene {
-	struct gd_v3 *vertex, *normal;	/* world space; normals of length 1 */
+	struct gd_v3 *vertex, *normal;	/* world space; normals of length 1, or 0: the triangle's own */
 	float *uv;			/* 2 a vertex, or NULL */
 	struct gd_triangle *triangle;
 	size_t nvertex, ntriangle;
@@ -183,7 +183,8 @@ struct gd_v3 gd_light_emitted(const struct gd_scene *scene, const struct gd_hit 
  * gd_light_sample() would have made it; 0 for triangles that are not lights. */
 float gd_light_pdf(const struct gd_scene *scene, const struct gd_hit *hit, struct gd_v3 d);
 
-/* Radiance from direction d, and its density. */
+/* Radiance from direction d, and the density with which gd_light_sample() takes it (choice of the
+ * light included). */
 struct gd_v3 gd_environment_at(const struct gd_scene *scene, struct gd_v3 d);
 float gd_environment_pdf(const struct gd_scene *scene, struct gd_v3 d);
 

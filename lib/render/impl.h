@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What the files behind scene.h share, and nobody else. */
+#ifndef GD_RENDER_IMPL_H
+#define GD_RENDER_IMPL_H
+
+#include "render/scene.h"
+
+/*
+ * Distribution of n weights (>= 0, finite) as a step function for numbers of 24 bits: cdf[n + 1],
+ * from 0 to 1, is made of whole multiples of 2^-24, and every weight above 0 has at least one of
+ * them while there are less than 2^24 of those. cdf[i + 1] - cdf[i] is thus the exact probability of
+ * i. If no weight is above 0, all is 0. Returns their sum.
+ */
+double gd_cdf_fill(float *cdf, const double *weight, size_t n);
+/* The i with cdf[i] <= x < cdf[i + 1]; x in [0, 1). */
+size_t gd_cdf_find(const float *cdf, size_t n, float x);
+
+/* Steps of gd_scene_finish(). */
+int gd_environment_prepare(struct gd_scene *scene, struct gd_err *err);
+int gd_light_prepare(struct gd_scene *scene, struct gd_err *err);
+int gd_ray_prepare(struct gd_scene *scene, struct gd_err *err);
+void gd_ray_drop(struct gd_scene *scene);
+
+/* Sum of luminance x solid angle over all directions. */
+double gd_environment_flux(const struct gd_scene *scene);
+/* A direction drawn from the environment; density without the choice of the light. */
+struct gd_v3 gd_environment_draw(const struct gd_scene *scene, float u, float v);
+float gd_environment_density(const struct gd_scene *scene, struct gd_v3 d);
+
+/* Texture coordinates of a point of a triangle; b: weight of its corners. 0 without any. */
+static inline void gd_uv_at(const struct gd_scene *s, const struct gd_triangle *t, const float b[3],
+			    float uv[2])
+{
+	for (int k = 0; k < 2; k++)
+		uv[k] = s->uv ? b[0] * s->uv[2 * (size_t)t->vertex[0] + k] +
+					b[1] * s->uv[2 * (size_t)t->vertex[1] + k] +
+					b[2] * s->uv[2 * (size_t)t->vertex[2] + k] :
+				0;
+}
+
+#endif
