@@ -140,6 +140,15 @@ demo:
 	@$(MAKE) --no-print-directory all
 	@GD_BIN=$(B) tests/demo.sh testdata demo
 
+# The scenes of testdata are in git; this writes them again.
+scenes: $(O)/tests/support/mkscenes
+	@mkdir -p testdata/scenes
+	@$(O)/tests/support/mkscenes testdata/scenes
+
+# Hours; goes on where it was stopped. SCENES="kitchen door": these alone.
+references: core
+	@tests/references.sh $(B) testdata/scenes build/references $(SCENES)
+
 bench: all $(BENCHES) $(SUPPORT)
 	@$(MAKE) --no-print-directory -C tests/bench OBJ=$(abspath $(O)/tests) BIN=$(abspath $(B)) DATA=$(abspath $(or $(DATA),testdata)) \
 		OUT=$(abspath build/bench)
@@ -183,10 +192,12 @@ help:
 	@echo 'make test       every test, and again under the address and undefined-behaviour sanitizers'
 	@echo 'make check      every test, without the sanitizers'
 	@echo 'make bench      speed, and speed against error, into build/bench/ (DATA=dir: of the scenes there)'
+	@echo 'make scenes     writes the scenes of testdata again, after a change to their generator'
+	@echo 'make references references of the scenes into build/references: hours, resumable (SCENES REF_SIZE REF_PASSES REF_SPP)'
 	@echo 'make lint       headers, manuals, scripts'
 	@echo 'make install uninstall PREFIX=/usr/local DESTDIR='
 	@echo 'Variables: CC CFLAGS LDFLAGS CXX CXXFLAGS SAN=address,undefined O=objects B=binaries'
 
-.PHONY: all core plugin tests test check lint demo bench deps install uninstall clean help
+.PHONY: all core plugin tests test check lint demo scenes references bench deps install uninstall clean help
 .SECONDARY:
 -include $(shell find $(O) -name '*.d' 2>/dev/null)
