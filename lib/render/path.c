@@ -30,8 +30,10 @@ float gd_draw(struct gd_draw *d)
 	return (float)((x >> turn | x << (-turn & 31)) >> 8) * 0x1p-24f;
 }
 
-float gd_walk_survival(struct gd_v3 t)
+float gd_walk_survival(const struct gd_walk *w, struct gd_v3 t)
 {
+	if (w->segments < GD_ROULETTE_FROM)
+		return 1;
 	return fminf(1, fmaxf(SURVIVAL_LEAST, gd_largest(t)));
 }
 
@@ -63,13 +65,16 @@ struct gd_v3 gd_walk_reflect(const struct gd_bsdf *b, const struct gd_light_samp
 
 static bool finite3(struct gd_v3 a)
 {
-	return isfinite(a.x + a.y + a.z);
+	return isfinite(a.x) && isfinite(a.y) && isfinite(a.z);
 }
 
+/* Leaves out what would make the sum infinite or no number. */
 static void gather(struct gd_v3 *sum, struct gd_v3 a)
 {
-	if (finite3(a))
-		*sum = gd_add(*sum, a);
+	const struct gd_v3 s = gd_add(*sum, a);
+
+	if (finite3(s))
+		*sum = s;
 }
 
 /* Do f(x) and J f(y) differ by more than a factor, neither of them 0? */
@@ -87,13 +92,10 @@ static void add_halves(const struct gd_walk *w, struct gd_v3 fx, float p)
 		const struct gd_offset *o = &w->o[k];
 		const bool shifted = !apart(fx, o->fy, w->conf->shift_ratio);
 		const float d = 1 / (p + (shifted ? w->in->r[k] * o->qy : 0));
-		const struct gd_v3 mine = gd_scale(fx, d);
-		const struct gd_v3 theirs = gd_scale(o->fy, shifted ? d : 0);
 
-		if (!finite3(gd_sub(theirs, mine)))
-			continue;
-		w->out->mine[k] = gd_add(w->out->mine[k], mine);
-		w->out->theirs[k] = gd_add(w->out->theirs[k], theirs);
+		gather(&w->out->mine[k], gd_scale(fx, d));
+		if (shifted)
+			gather(&w->out->theirs[k], gd_scale(o->fy, d));
 	}
 }
 
@@ -158,7 +160,7 @@ static void sample_light(struct gd_walk *w)
 	else if (!seen)
 		return;
 	add_path(w, seen ? gd_mul(w->t, gd_mul(f, s.radiance)) : gd_v3(0, 0, 0),
-		 s.pdf + (seen ? pdf : 0));
+		 s.pdf + (seen ? w->survive * pdf : 0));
 }
 
 /* Density with which light sampling at x_k would have found what event s found. */
@@ -182,19 +184,18 @@ static void add_ambient(struct gd_walk *w, const struct gd_arrival *a)
 /* From x_k to the next vertex. Returns false if the path ends at x_k. */
 static bool scatter(struct gd_walk *w, struct gd_arrival *a)
 {
-	const float survive = w->segments >= GD_ROULETTE_FROM ? gd_walk_survival(w->t) : 1;
 	struct gd_scatter s;
 	float u[3];
 
-	if (survive < 1 && gd_draw(w->draw) >= survive)
+	if (w->survive < 1 && gd_draw(w->draw) >= w->survive)
 		return false;
 	for (int i = 0; i < 3; i++)
 		u[i] = gd_draw(w->draw);
 	if (!gd_bsdf_sample(&w->b, u, &s) || gd_black(s.f))
 		return false;
-	w->t = gd_scale(w->t, 1 / survive);
+	w->t = gd_scale(w->t, 1 / w->survive);
 	if (w->n)
-		gd_shift_resolve(w, &s, survive);
+		gd_shift_resolve(w, &s);
 	look(w, w->hit.p, s.wi, a);
 	a->last = w->segments + 1 >= w->conf->depth;
 	a->pdf_light = density_of_light(w, &s, a);
@@ -202,7 +203,7 @@ static bool scatter(struct gd_walk *w, struct gd_arrival *a)
 		gd_shift_follow(w, &s, a);
 	w->t = gd_mul(w->t, gd_scale(s.f, 1 / s.pdf));
 	w->last = s;
-	add_path(w, gd_mul(w->t, a->radiance), 1 + a->pdf_light / s.pdf);
+	add_path(w, gd_mul(w->t, a->radiance), 1 + a->pdf_light / (w->survive * s.pdf));
 	add_ambient(w, a);
 	return true;
 }
@@ -268,6 +269,7 @@ void gd_path_trace(const struct gd_scene *scene, const struct gd_path_conf *conf
 	for (w.segments = 1; a.solid && w.segments < conf->depth; w.segments++) {
 		w.hit = a.hit;
 		w.b = a.b;
+		w.survive = gd_walk_survival(&w, w.t);
 		if (scene->nlight)
 			sample_light(&w);
 		if (!scatter(&w, &a))

@@ -37,6 +37,12 @@ static void die(struct gd_offset *o)
 	nothing(o);
 }
 
+/* Probability that a path of throughput t / q scatters at its vertex. */
+static float survival(const struct gd_walk *w, struct gd_v3 t, float q)
+{
+	return gd_walk_survival(w, gd_scale(t, 1 / q));
+}
+
 /* The offset path has found a vertex of its own, or left the scene: it may end there in light. */
 static void arrive(const struct gd_walk *w, struct gd_offset *o, bool hit, struct gd_v3 d,
 		   const struct gd_hit *at)
@@ -78,7 +84,8 @@ void gd_shift_start(struct gd_walk *w, float u, float v, const float lens[2])
 /* --- light sampling --- */
 
 /* x_k itself, seen along another direction. */
-static void light_joined(struct gd_offset *o, const struct gd_light_sample *s, bool seen)
+static void light_joined(const struct gd_walk *w, struct gd_offset *o,
+			 const struct gd_light_sample *s, bool seen)
 {
 	const struct gd_v3 t = o->stand == GD_PENDING ? o->join_t : o->t;
 	const float q = o->stand == GD_PENDING ? o->join_q : o->q;
@@ -90,7 +97,7 @@ static void light_joined(struct gd_offset *o, const struct gd_light_sample *s, b
 		return;
 	if (seen)
 		o->fy = gd_mul(t, gd_mul(f, s->radiance));
-	o->qy = q * (s->pdf + (seen ? pdf : 0));
+	o->qy = q * (s->pdf + (seen ? survival(w, t, q) * pdf : 0));
 }
 
 /* The same light seen from a vertex of its own; fy as if nothing were between, and the density of
@@ -107,12 +114,12 @@ static void light_own(const struct gd_walk *w, int k, const struct gd_light_samp
 	if (!gd_light_again(w->scene, o->hit.p, s, &again) || !(again.pdf > 0))
 		return;
 	f = gd_walk_reflect(&o->b, &again, &pdf);
-	if (gd_black(f))
+	if (gd_black(f) || gd_black(again.radiance))
 		return;
 	jacobian = s->pdf / again.pdf;
 	o->fy = gd_mul(gd_scale(o->t, jacobian), gd_mul(f, again.radiance));
 	o->qy = o->q * s->pdf;
-	by_bsdf[k] = o->q * jacobian * pdf;
+	by_bsdf[k] = o->q * survival(w, o->t, o->q) * jacobian * pdf;
 	ray(r, k, o->hit.p, again.d, again.t);
 }
 
@@ -128,9 +135,11 @@ void gd_shift_light(struct gd_walk *w, const struct gd_light_sample *s, struct g
 
 		if (o->stand == GD_SHARED) {
 			o->fy = seen ? gd_mul(o->t, gd_mul(f, s->radiance)) : black;
-			o->qy = o->q * (s->pdf + (seen ? pdf_bsdf : 0));
+			o->qy = o->q * s->pdf;
+			if (seen)
+				o->qy += o->q * survival(w, o->t, o->q) * pdf_bsdf;
 		} else if (o->stand == GD_FRESH || (o->stand == GD_PENDING && o->join)) {
-			light_joined(o, s, seen);
+			light_joined(w, o, s, seen);
 		} else if (o->stand == GD_OWN) {
 			light_own(w, k, s, &r, by_bsdf);
 		} else {
@@ -198,7 +207,7 @@ static void join_pending(struct gd_walk *w)
 	}
 }
 
-void gd_shift_resolve(struct gd_walk *w, const struct gd_scatter *s, float survive)
+void gd_shift_resolve(struct gd_walk *w, const struct gd_scatter *s)
 {
 	if (s->event == GD_ROUGH)
 		join_pending(w);
@@ -213,9 +222,9 @@ void gd_shift_resolve(struct gd_walk *w, const struct gd_scatter *s, float survi
 			die(o);
 			continue;
 		}
-		if (survive < 1 || w->segments >= GD_ROULETTE_FROM)
-			o->q *= gd_walk_survival(gd_scale(o->t, 1 / o->q)) / survive;
-		o->t = gd_scale(o->t, 1 / survive);
+		o->survive = survival(w, o->t, o->q);
+		o->t = gd_scale(o->t, 1 / w->survive);
+		o->q *= o->survive / w->survive;
 	}
 }
 
@@ -224,7 +233,7 @@ static void follow_shared(struct gd_offset *o, const struct gd_scatter *s,
 {
 	o->t = gd_mul(o->t, gd_scale(s->f, 1 / s->pdf));
 	o->fy = gd_mul(o->t, a->radiance);
-	o->qy = o->q * (1 + a->pdf_light / s->pdf);
+	o->qy = o->q * (1 + a->pdf_light / (o->survive * s->pdf));
 }
 
 static void follow_fresh(struct gd_offset *o, const struct gd_scatter *s,
@@ -239,7 +248,7 @@ static void follow_fresh(struct gd_offset *o, const struct gd_scatter *s,
 	}
 	o->t = gd_mul(o->t, gd_scale(f, 1 / s->pdf));
 	o->fy = gd_mul(o->t, a->radiance);
-	o->qy = o->q * (pdf + a->pdf_light) / s->pdf;
+	o->qy = o->q * (pdf + a->pdf_light / o->survive) / s->pdf;
 	o->q *= pdf / s->pdf;
 	o->stand = GD_SHARED;
 }
@@ -304,7 +313,7 @@ static void follow_rough(struct gd_walk *w, const struct gd_scatter *s, const st
 		if (!(r.active >> k & 1))
 			continue;
 		/* The light at its end is as dense for y as for x: J q'(light) = p(light). */
-		o->qy = o->q * a->pdf_light / s->pdf;
+		o->qy = o->q * a->pdf_light / (o->survive * s->pdf);
 		if (!(open >> k & 1))
 			continue;
 		o->qy += o->join_q;

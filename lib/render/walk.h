@@ -25,6 +25,7 @@ struct gd_offset {
 	 * event at y_{k-1}; join_t and join_q with it, if it joins. */
 	struct gd_v3 t, join_t;
 	float q, join_q;
+	float survive;			/* probability to scatter at its vertex, of the event under way */
 	bool join;
 	struct gd_hit hit;		/* OWN, PENDING: its last vertex */
 	struct gd_bsdf b;
@@ -45,6 +46,7 @@ struct gd_walk {
 	struct gd_v3 t;			/* f / p up to the event before x_k */
 	struct gd_scatter last;		/* that event */
 	int segments;			/* x_k is the end of so many */
+	float survive;			/* probability to scatter there */
 	int n;
 	struct gd_offset o[4];
 };
@@ -60,8 +62,9 @@ struct gd_arrival {
 	bool last;			/* no light is sampled and nothing scatters there any more */
 };
 
-/* Probability to go on with throughput t (f / p). */
-float gd_walk_survival(struct gd_v3 t);
+/* Probability to go on from x_k or y_k with throughput t (f / p). It is a factor of the density of
+ * BSDF sampling there, not of that of light sampling. */
+float gd_walk_survival(const struct gd_walk *w, struct gd_v3 t);
 
 /* Direction and origin of the camera ray through (px, py) of the image, lens_x and lens_y on the
  * unit disc. */
@@ -76,14 +79,14 @@ struct gd_v3 gd_walk_reflect(const struct gd_bsdf *b, const struct gd_light_samp
  * contributes to the path that ends there.
  * start: their camera rays, through the same point (u, v) of their pixel.
  * light: the light sample s of x_k, which the base path sees or does not see.
- * resolve: the base path goes on with probability survive, to scatter event s.
+ * resolve: the base path goes on, to scatter event s. After its t was divided by survive.
  * follow: event s has led the base path to a. Before the walk's t and last become those of s.
  * ambient: an ambient light at the vertex reached.
  */
 void gd_shift_start(struct gd_walk *w, float u, float v, const float lens[2]);
 void gd_shift_light(struct gd_walk *w, const struct gd_light_sample *s, struct gd_v3 f,
 		    float pdf_bsdf, bool seen);
-void gd_shift_resolve(struct gd_walk *w, const struct gd_scatter *s, float survive);
+void gd_shift_resolve(struct gd_walk *w, const struct gd_scatter *s);
 void gd_shift_follow(struct gd_walk *w, const struct gd_scatter *s, const struct gd_arrival *a);
 void gd_shift_ambient(struct gd_walk *w, const struct gd_arrival *a);
 
