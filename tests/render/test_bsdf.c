@@ -78,13 +78,13 @@ static bool at(struct gd_bsdf *b, const struct gd_material *m, struct gd_v3 ng, 
 	       struct gd_v3 wo)
 {
 	struct gd_material mat = *m;
-	struct gd_triangle triangle = { .light = UINT32_MAX };
+	struct gd_triangle triangle = { .light = GD_NO_INDEX };
 	const struct gd_scene scene = {
 		.material = &mat, .nmaterial = 1, .triangle = &triangle, .ntriangle = 1
 	};
 	const struct gd_hit hit = { .ng = ng, .ns = ns };
 
-	mat.base_map = mat.rough_map = mat.emission_map = UINT32_MAX;
+	mat.base_map = mat.rough_map = mat.emission_map = GD_NO_INDEX;
 	return gd_bsdf_at(b, &scene, &hit, wo);
 }
 
