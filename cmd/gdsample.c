@@ -10,12 +10,13 @@
 #include "plugin.h"
 #include "sampling.h"
 #include "show.h"
+#include "spending.h"
 
 struct options {
-	double spp, total, samples, floor, blur, dimension;
+	double spp, total, samples, floor, blur, dimension, cost;
 	int min, max, multiple;
 	uint64_t seed;
-	const char *png;
+	const char *png, *gradients;
 	bool paper;
 };
 
@@ -47,6 +48,8 @@ static int settle(struct gd_sampling_conf *conf, const struct options *opt,
 		return gd_fail(err, GD_EARG, "--blur %g: expected 0 to 10, or -1", opt->blur);
 	if (opt->min > opt->max)
 		return gd_fail(err, GD_EARG, "--min %d is above --max %d", opt->min, opt->max);
+	if (opt->gradients && !strcmp(opt->gradients, "-") && !strcmp(cli->input, "-"))
+		return gd_fail(err, GD_EARG, "--gradients -: standard input is the denoised image");
 	if (opt->png && gd_picture_misnamed(opt->png))
 		return gd_fail(err, GD_EARG, "--png: %s: a PNG does not get the name of an EXR",
 			       opt->png);
@@ -86,6 +89,7 @@ static int load(struct gd_cli *cli, struct gd_image *im, struct gd_err *err)
 	}
 	gd_layer_want(im, "samples", GD_READ);
 	gd_layer_want(im, "sampling", GD_DROP);
+	gd_layer_want(im, "gradients", GD_DROP);
 	return gd_cli_load(cli, file, im, err);
 }
 
@@ -143,6 +147,67 @@ static void tell(struct gd_cli *cli, const struct gd_sampling_conf *conf,
 	gd_cli_stat(cli, "expected_even", r->even);
 }
 
+/* ---- gradients ---- */
+
+static void tell_gradients(struct gd_cli *cli, const struct gd_spending_conf *conf,
+			   const struct gd_spending_result *r, double cost)
+{
+	gd_note(&cli->report, "gradients change the relative error by %+.0f %%, at %g times the "
+		"cost", 100 * r->change, conf->cost);
+	gd_note(&cli->report, "gradients for %.1f %% of the pixels' samples: the error should be "
+		"%.2f times that of plain samples in the same time; %.2f with gradients everywhere",
+		100 * r->share, r->gain, r->everywhere);
+	gd_cli_stat(cli, "gradients", r->share);
+	gd_cli_stat(cli, "gradients_change", r->change);
+	gd_cli_stat(cli, "gradients_gain", r->gain);
+	gd_cli_stat(cli, "gradients_everywhere", r->everywhere);
+	gd_cli_stat(cli, "cost", cost);
+}
+
+/* What the map costs, in plain samples. */
+static double cost_of(struct gd_plane map, struct gd_plane share, double cost)
+{
+	double sum = 0;
+
+	for (int y = 0; y < map.h; y++)
+		for (int x = 0; x < map.w; x++)
+			sum += (double)gd_row(map, y)[x] *
+			       (1 + (double)gd_row(share, y)[x] * (cost - 1));
+	return sum;
+}
+
+/* Adds the channel gradients, from the buffer that --gradients names. */
+static int add_gradients(struct gd_cli *cli, struct gd_image *im, struct gd_plane map,
+			 const struct options *opt, struct gd_err *err)
+{
+	struct gd_spending_conf conf = GD_SPENDING_DEFAULTS;
+	struct gd_spending_result result;
+	struct gd_image buffer = { 0 };
+	struct gd_exr *file = NULL;
+	struct gd_plane share;
+	int rc = gd_image_add(im, "gradients", &share, err);
+
+	conf.cost = opt->cost;
+	conf.dimension = opt->dimension;
+	cli->about = opt->gradients;
+	if (rc == GD_OK)
+		rc = gd_cli_open(cli, &file, &buffer, opt->gradients, err);
+	if (rc == GD_OK)
+		rc = gd_spending_want(&buffer, err);
+	if (rc == GD_OK)
+		rc = gd_cli_load(cli, file, &buffer, err);
+	else
+		gd_exr_close(file);
+	if (rc == GD_OK)
+		rc = gd_spending_map(share, &buffer, &conf, &result, &cli->report, err);
+	if (rc == GD_OK) {
+		tell_gradients(cli, &conf, &result, cost_of(map, share, conf.cost));
+		cli->about = NULL;
+	}
+	gd_image_free(&buffer);
+	return rc;
+}
+
 static int run(struct gd_cli *cli, struct gd_image *im, struct gd_sampling_conf *conf,
 	       const struct options *opt, struct gd_err *err)
 {
@@ -168,13 +233,16 @@ static int run(struct gd_cli *cli, struct gd_image *im, struct gd_sampling_conf 
 	if (rc != GD_OK)
 		return rc;
 	tell(cli, conf, &result);
-	rc = opt->png ? draw(map, opt->png, err) : GD_OK;
+	rc = opt->gradients ? add_gradients(cli, im, map, opt, err) : GD_OK;
+	if (rc == GD_OK && opt->png)
+		rc = draw(map, opt->png, err);
 	return rc == GD_OK ? gd_cli_write(cli, im, err) : rc;
 }
 
 int main(int argc, char **argv)
 {
 	struct options opt = { .floor = -1, .blur = -1, .dimension = 4, .seed = 1, .multiple = 1,
+			       .cost = 2,
 			       .max = (int)GD_SAMPLING_MOST };
 	const struct gd_opt opts[] = {
 		GD_NUM(0, "spp", "N", &opt.spp, 0, GD_SAMPLING_MOST,
@@ -196,6 +264,10 @@ int main(int argc, char **argv)
 		       "errors fall with the samples to the power -4 / (D + 4)"),
 		GD_FLAG(0, "paper", &opt.paper,
 			"the method as published: in proportion to what one more sample gains"),
+		GD_OPT(0, "gradients", "FILE", &opt.gradients,
+		       "say which samples should trace gradients, too, from the bins of this buffer"),
+		GD_NUM(0, "gradient-cost", "C", &opt.cost, 1, 100,
+		       "cost of a sample with gradients, in plain samples"),
 		GD_OPT('s', "seed", "NUMBER", &opt.seed, "seed of the rounding to whole numbers"),
 		GD_OPT(0, "png", "FILE.png", &opt.png, "write a picture of the map, too"),
 		GD_OPT_END

@@ -217,3 +217,33 @@ relmse() { "$bin/gdrelmse" -q --format tsv -r "$data/reference.exr" "$1" | tail 
 		gdcheck -c "^(R|G|B|error.*)\$" $f-clean.exr
 	done
 }
+
+@test "--gradients: shares where they pay, none of before, and what is expected" {
+	data=${GD_TESTDATA:-$top/testdata}/kitchen
+	export PATH=${GD_SUPPORT:-$top/build/opt/tests/support}:$PATH
+	"$bin/gdfeature" -q "$data/gpt16.exr" | "$bin/gdapr" --fast -q >clean.exr
+	"$gdsample" --spp 8 --gradients "$data/gpt16.exr" --stats s.json clean.exr map.exr --compression none
+	gdcheck -c "^(gradients|sampling)\$" map.exr
+	[ "$(names map.exr | tr ' ' '\n' | grep -c '^gradients$')" -eq 1 ]
+	sed -E 's/.*"gradients": ([^,]*), .*"gradients_gain": ([^,]*), "gradients_everywhere": ([^,]*), "cost": ([^,}]*).*/\1 \2 \3 \4/' s.json |
+		awk -v n=$((112 * 96 * 8)) '{ print; exit !($1 > 0.02 && $1 < 0.98 && $2 < 1.01 && $2 <= $3 && $4 > n && $4 < 2 * n) }'
+	"$gdsample" --spp 8 --gradients "$data/gpt16.exr" --gradient-cost 100 clean.exr dear.exr --compression none
+	[ "$(val dear.exr gradients)" = 0 ]
+	"$gdsample" --spp 8 map.exr without.exr --compression none
+	[ "$(names without.exr | tr ' ' '\n' | grep -c '^gradients$')" -eq 0 ]
+}
+
+@test "--gradients: what does not fit is named" {
+	frame
+	run --separate-stderr "$gdsample" --spp 4 --gradients in.exr in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: in.exr: 0 bins of the colour, at least 4 are needed" ]
+	run --separate-stderr "$gdsample" --spp 4 --gradients none.exr in.exr out.exr
+	[ "$status" -eq 2 ] && [[ "$stderr" == "gdsample: none.exr: "* ]]
+	run --separate-stderr bash -c "'$gdsample' --spp 4 --gradients - <in.exr >out.exr"
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --gradients -: standard input is the denoised image" ]
+	data=${GD_TESTDATA:-$top/testdata}/kitchen
+	run --separate-stderr "$gdsample" --spp 4 --gradients "$data/gpt16.exr" in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: $data/gpt16.exr: is 112x96, expected 40x30" ]
+	run --separate-stderr "$gdsample" --spp 4 --gradients in.exr --gradient-cost 0.5 in.exr out.exr
+	[ "$status" -eq 2 ]
+}
