@@ -13,21 +13,21 @@
 
 #include "scene_shapes.h"
 
-#define SCENE_ROOM 64		/* materials, textures */
+#define SCENE_ROOM 64 /* materials, textures */
 #define SCENE_MESHES 256
 #define SCENE_NODES 1024
 
 struct finish {
-	double r, g, b;			/* base colour, linear */
+	double r, g, b; /* base colour, linear */
 	double metallic, roughness;
-	double transmission, ior;	/* ior 0: 1.5 */
-	double glow;			/* emitted radiance is glow times r g b, and the base is black */
-	const char *texture;		/* PNG beside the scene, or NULL */
+	double transmission, ior; /* ior 0: 1.5 */
+	double glow; /* emitted radiance is glow times r g b, and the base is black */
+	const char *texture; /* PNG beside the scene, or NULL */
 };
 
 struct piece {
 	int finish, ncorner, nindex, textured;
-	long offset;			/* into the .bin */
+	long offset; /* into the .bin */
 	double low[3], high[3];
 };
 
@@ -38,7 +38,7 @@ struct node {
 
 struct camera {
 	struct p3 from, to;
-	double yfov;			/* degrees */
+	double yfov; /* degrees */
 };
 
 struct scene {
@@ -115,27 +115,32 @@ static int gloss(struct scene *s, double r, double g, double b, double roughness
 
 static int metal(struct scene *s, double r, double g, double b, double roughness)
 {
-	return paint(s, (struct finish){ .r = r, .g = g, .b = b, .metallic = 1, .roughness = roughness });
+	return paint(s, (struct finish){
+				.r = r, .g = g, .b = b, .metallic = 1, .roughness = roughness });
 }
 
 static int glass(struct scene *s, double r, double g, double b, double roughness)
 {
-	return paint(s, (struct finish){ .r = r, .g = g, .b = b, .roughness = roughness, .transmission = 1 });
+	return paint(s,
+		     (struct finish){
+			     .r = r, .g = g, .b = b, .roughness = roughness, .transmission = 1 });
 }
 
 static int textured(struct scene *s, const char *png, double roughness)
 {
-	return paint(s, (struct finish){ .r = 1, .g = 1, .b = 1, .roughness = roughness, .texture = png });
+	return paint(s, (struct finish){
+				.r = 1, .g = 1, .b = 1, .roughness = roughness, .texture = png });
 }
 
 static int light(struct scene *s, double r, double g, double b, double radiance)
 {
-	return paint(s, (struct finish){ .r = r, .g = g, .b = b, .roughness = 1, .glow = radiance });
+	return paint(s,
+		     (struct finish){ .r = r, .g = g, .b = b, .roughness = 1, .glow = radiance });
 }
 
 static void put_float(struct scene *s, double v, double grid)
 {
-	const float f = (float)(nearbyint(v * grid) / grid) + 0.0f;	/* no -0 */
+	const float f = (float)(nearbyint(v * grid) / grid) + 0.0f; /* no -0 */
 	uint32_t bits;
 
 	memcpy(&bits, &f, sizeof bits);
@@ -158,8 +163,8 @@ static int shape(struct scene *s, struct mesh *m, int finish)
 	const int textures = s->finish[finish].texture != NULL;
 
 	room_for(m->ncorner, 65536, "corners in a mesh");
-	*p = (struct piece){ finish, m->ncorner, m->nindex, textures, s->size,
-			     { 1e9, 1e9, 1e9 }, { -1e9, -1e9, -1e9 } };
+	*p = (struct piece){ finish,  m->ncorner,        m->nindex,           textures,
+			     s->size, { 1e9, 1e9, 1e9 }, { -1e9, -1e9, -1e9 } };
 	for (int i = 0; i < m->ncorner; i++) {
 		const double v[3] = { m->corner[i].p.x, m->corner[i].p.y, m->corner[i].p.z };
 
@@ -183,7 +188,7 @@ static int shape(struct scene *s, struct mesh *m, int finish)
 	for (int i = 0; i < m->nindex; i++)
 		put_index(s, m->index[i]);
 	if (m->nindex & 1)
-		put_index(s, 0);	/* what follows starts at a multiple of 4 */
+		put_index(s, 0); /* what follows starts at a multiple of 4 */
 	free(m->corner);
 	free(m->index);
 	*m = (struct mesh){ 0 };
@@ -220,19 +225,24 @@ static void write_materials(FILE *f, const struct scene *s)
 		const struct finish *m = &s->finish[i];
 		const double base = m->glow > 0 ? 0 : 1;
 
-		fprintf(f, "%s{\"pbrMetallicRoughness\": {\"baseColorFactor\": [%.4g, %.4g, %.4g, 1], "
+		fprintf(f,
+			"%s{\"pbrMetallicRoughness\": {\"baseColorFactor\": [%.4g, %.4g, %.4g, 1], "
 			"\"metallicFactor\": %.4g, \"roughnessFactor\": %.4g",
 			comma(i), base * m->r, base * m->g, base * m->b, m->metallic, m->roughness);
 		if (m->texture)
 			fprintf(f, ", \"baseColorTexture\": {\"index\": %d}", ntexture++);
 		fprintf(f, "}");
 		if (m->glow > 0)
-			fprintf(f, ", \"emissiveFactor\": [%.4g, %.4g, %.4g], \"extensions\": "
-				"{\"KHR_materials_emissive_strength\": {\"emissiveStrength\": %.6g}}",
+			fprintf(f,
+				", \"emissiveFactor\": [%.4g, %.4g, %.4g], \"extensions\": "
+				"{\"KHR_materials_emissive_strength\": {\"emissiveStrength\": "
+				"%.6g}}",
 				m->r, m->g, m->b, m->glow);
 		if (m->transmission > 0)
-			fprintf(f, ", \"extensions\": {\"KHR_materials_transmission\": "
-				"{\"transmissionFactor\": %.4g}, \"KHR_materials_ior\": {\"ior\": %.4g}}",
+			fprintf(f,
+				", \"extensions\": {\"KHR_materials_transmission\": "
+				"{\"transmissionFactor\": %.4g}, \"KHR_materials_ior\": {\"ior\": "
+				"%.4g}}",
 				m->transmission, m->ior > 0 ? m->ior : 1.5);
 		fprintf(f, "}");
 	}
@@ -246,7 +256,8 @@ static void write_materials(FILE *f, const struct scene *s)
 	ntexture = 0;
 	for (int i = 0; i < s->nfinish; i++)
 		if (s->finish[i].texture)
-			fprintf(f, "%s{\"uri\": \"%s\"}", ntexture++ ? ", " : "", s->finish[i].texture);
+			fprintf(f, "%s{\"uri\": \"%s\"}", ntexture++ ? ", " : "",
+				s->finish[i].texture);
 	fprintf(f, "],\n");
 }
 
@@ -258,28 +269,37 @@ static void write_meshes(FILE *f, const struct scene *s)
 	for (int i = 0; i < s->npiece; i++) {
 		const struct piece *p = &s->piece[i];
 
-		fprintf(f, "%s{\"primitives\": [{\"attributes\": {\"POSITION\": %d, \"NORMAL\": %d", comma(i),
-			accessor, accessor + 1);
+		fprintf(f, "%s{\"primitives\": [{\"attributes\": {\"POSITION\": %d, \"NORMAL\": %d",
+			comma(i), accessor, accessor + 1);
 		if (p->textured)
 			fprintf(f, ", \"TEXCOORD_0\": %d", accessor + 2);
-		fprintf(f, "}, \"indices\": %d, \"material\": %d}]}", accessor + 2 + p->textured, p->finish);
+		fprintf(f, "}, \"indices\": %d, \"material\": %d}]}", accessor + 2 + p->textured,
+			p->finish);
 		accessor += 3 + p->textured;
 	}
 	fprintf(f, "\n],\n\"accessors\": [");
 	for (int i = 0; i < s->npiece; i++) {
 		const struct piece *p = &s->piece[i];
 
-		fprintf(f, "%s{\"bufferView\": %d, \"componentType\": 5126, \"count\": %d, \"type\": \"VEC3\", "
+		fprintf(f,
+			"%s{\"bufferView\": %d, \"componentType\": 5126, \"count\": %d, \"type\": "
+			"\"VEC3\", "
 			"\"min\": [%.9g, %.9g, %.9g], \"max\": [%.9g, %.9g, %.9g]}",
-			comma(i), view, p->ncorner, p->low[0], p->low[1], p->low[2], p->high[0], p->high[1],
-			p->high[2]);
-		fprintf(f, ",\n{\"bufferView\": %d, \"componentType\": 5126, \"count\": %d, \"type\": \"VEC3\"}",
+			comma(i), view, p->ncorner, p->low[0], p->low[1], p->low[2], p->high[0],
+			p->high[1], p->high[2]);
+		fprintf(f,
+			",\n{\"bufferView\": %d, \"componentType\": 5126, \"count\": %d, \"type\": "
+			"\"VEC3\"}",
 			view + 1, p->ncorner);
 		if (p->textured)
-			fprintf(f, ",\n{\"bufferView\": %d, \"componentType\": 5126, \"count\": %d, "
-				"\"type\": \"VEC2\"}", view + 2, p->ncorner);
-		fprintf(f, ",\n{\"bufferView\": %d, \"componentType\": 5123, \"count\": %d, "
-			"\"type\": \"SCALAR\"}", view + 2 + p->textured, p->nindex);
+			fprintf(f,
+				",\n{\"bufferView\": %d, \"componentType\": 5126, \"count\": %d, "
+				"\"type\": \"VEC2\"}",
+				view + 2, p->ncorner);
+		fprintf(f,
+			",\n{\"bufferView\": %d, \"componentType\": 5123, \"count\": %d, "
+			"\"type\": \"SCALAR\"}",
+			view + 2 + p->textured, p->nindex);
 		view += 3 + p->textured;
 	}
 	fprintf(f, "\n],\n\"bufferViews\": [");
@@ -289,14 +309,19 @@ static void write_meshes(FILE *f, const struct scene *s)
 		long here = p->offset;
 
 		for (int k = 0; k < 2 + p->textured; k++, here += vector)
-			fprintf(f, "%s{\"buffer\": 0, \"byteOffset\": %ld, \"byteLength\": %ld, "
-				"\"target\": 34962}", comma(i + k), here, k < 2 ? vector : 8L * p->ncorner);
+			fprintf(f,
+				"%s{\"buffer\": 0, \"byteOffset\": %ld, \"byteLength\": %ld, "
+				"\"target\": 34962}",
+				comma(i + k), here, k < 2 ? vector : 8L * p->ncorner);
 		if (p->textured)
 			here -= 4L * p->ncorner;
-		fprintf(f, ",\n{\"buffer\": 0, \"byteOffset\": %ld, \"byteLength\": %ld, \"target\": 34963}",
+		fprintf(f,
+			",\n{\"buffer\": 0, \"byteOffset\": %ld, \"byteLength\": %ld, \"target\": "
+			"34963}",
 			here, 2L * p->nindex);
 	}
-	fprintf(f, "\n],\n\"buffers\": [{\"uri\": \"%s\", \"byteLength\": %ld}]\n", s->bin_name, s->size);
+	fprintf(f, "\n],\n\"buffers\": [{\"uri\": \"%s\", \"byteLength\": %ld}]\n", s->bin_name,
+		s->size);
 }
 
 static void write_place(FILE *f, struct place p)
@@ -321,8 +346,10 @@ static void write_nodes(FILE *f, const struct scene *s)
 	fprintf(f, "\"scene\": 0,\n\"scenes\": [{\"nodes\": [");
 	for (int i = 0; i <= s->nnode; i++)
 		fprintf(f, "%s%d", i ? ", " : "", i);
-	fprintf(f, "]}],\n\"cameras\": [{\"name\": \"camera\", \"type\": \"perspective\", "
-		"\"perspective\": {\"yfov\": %.6g, \"aspectRatio\": 1.333333, \"znear\": 0.01}}],\n",
+	fprintf(f,
+		"]}],\n\"cameras\": [{\"name\": \"camera\", \"type\": \"perspective\", "
+		"\"perspective\": {\"yfov\": %.6g, \"aspectRatio\": 1.333333, \"znear\": "
+		"0.01}}],\n",
 		s->camera.yfov * PI / 180);
 	fprintf(f, "\"nodes\": [\n{\"name\": \"camera\", \"camera\": 0, ");
 	write_place(f, camera_place(&s->camera));
@@ -345,7 +372,8 @@ static void write_used(FILE *f, const struct scene *s)
 	}
 	if (glows || passes)
 		fprintf(f, "\"extensionsUsed\": [%s%s%s],\n",
-			glows ? "\"KHR_materials_emissive_strength\"" : "", glows && passes ? ", " : "",
+			glows ? "\"KHR_materials_emissive_strength\"" : "",
+			glows && passes ? ", " : "",
 			passes ? "\"KHR_materials_transmission\", \"KHR_materials_ior\"" : "");
 }
 

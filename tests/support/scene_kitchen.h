@@ -10,7 +10,8 @@
 #include "scene_room.h"
 
 struct kitchen_paint {
-	int plaster, ceiling, floor, stone, lacquer, cream, tile, blue_tile, steel, satin, copper, black, china;
+	int plaster, ceiling, floor, stone, lacquer, cream, tile, blue_tile, steel, satin, copper,
+		black, china;
 	int wood, check, glass, frost, green, red, orange, apple, window, lamp, white;
 };
 
@@ -58,14 +59,19 @@ static void kitchen_tiles(struct scene *s, const struct kitchen_paint *p)
 			const int odd = noise_at(i, j, 3) < 0.16;
 			const struct place here = at(-1.425 + 0.15 * i, 0.99 + 0.15 * j, -1.196);
 
-			stand(s, odd ? blue : plain, turned(turned(here, 'x', 1.6 * tilt), 'y', 1.6 * yaw));
+			stand(s, odd ? blue : plain,
+			      turned(turned(here, 'x', 1.6 * tilt), 'y', 1.6 * yaw));
 		}
 }
 
 static int kitchen_handle(struct scene *s, int finish, double length)
 {
-	const struct p3 k[] = { { -length / 2, 0, 0 }, { -length / 2, 0, 0.02 }, { -length / 2 + 0.012, 0, 0.03 },
-				{ length / 2 - 0.012, 0, 0.03 }, { length / 2, 0, 0.02 }, { length / 2, 0, 0 } };
+	const struct p3 k[] = { { -length / 2, 0, 0 },
+				{ -length / 2, 0, 0.02 },
+				{ -length / 2 + 0.012, 0, 0.03 },
+				{ length / 2 - 0.012, 0, 0.03 },
+				{ length / 2, 0, 0.02 },
+				{ length / 2, 0, 0 } };
 	struct mesh m = { 0 };
 
 	tube(&m, at(0, 0, 0), k, COUNT(k), 0.005, 0.005, 3, 8);
@@ -83,7 +89,7 @@ static void kitchen_units(struct scene *s, const struct kitchen_paint *p)
 	block(s, p->stone, p3(1.0, 0.86, -1.2), p3(1.5, 0.90, -0.58), 0.004);
 	block(s, p->stone, p3(0.45, 0.86, -1.2), p3(1.0, 0.90, -1.06), 0.004);
 	block(s, p->stone, p3(0.45, 0.86, -0.68), p3(1.0, 0.90, -0.58), 0.004);
-	block(s, p->satin, p3(0.44, 0.70, -1.07), p3(1.01, 0.71, -0.67), 0);	/* sink */
+	block(s, p->satin, p3(0.44, 0.70, -1.07), p3(1.01, 0.71, -0.67), 0); /* sink */
 	block(s, p->satin, p3(0.44, 0.70, -1.07), p3(0.455, 0.903, -0.67), 0.001);
 	block(s, p->satin, p3(0.995, 0.70, -1.07), p3(1.01, 0.903, -0.67), 0.001);
 	block(s, p->satin, p3(0.44, 0.70, -1.07), p3(1.01, 0.903, -1.055), 0.001);
@@ -102,7 +108,7 @@ static void kitchen_units(struct scene *s, const struct kitchen_paint *p)
 		stand(s, door, at(x, 0.385, -0.61));
 		stand(s, bar, at(x, 0.60, -0.60));
 	}
-	block(s, p->white, p3(-1.5, 1.58, -1.2), p3(-0.75, 2.2, -0.88), 0);	/* cupboards above */
+	block(s, p->white, p3(-1.5, 1.58, -1.2), p3(-0.75, 2.2, -0.88), 0); /* cupboards above */
 	block(s, p->white, p3(0.15, 1.58, -1.2), p3(1.5, 2.2, -0.88), 0);
 	box(&m, at(0, 0, 0), p3(0.222, 0.305, 0.01), 0.006, 2, 1);
 	door = shape(s, &m, p->cream);
@@ -112,18 +118,23 @@ static void kitchen_units(struct scene *s, const struct kitchen_paint *p)
 		stand(s, door, at(i < 2 ? x + 0.03 - 0.02 * i : x, 1.89, -0.87));
 		stand(s, bar, at(x, 1.63, -0.86));
 	}
-	block(s, p->satin, p3(-0.68, 1.62, -1.2), p3(0.08, 1.70, -0.72), 0.006);	/* hood */
+	block(s, p->satin, p3(-0.68, 1.62, -1.2), p3(0.08, 1.70, -0.72), 0.006); /* hood */
 	block(s, p->satin, p3(-0.46, 1.70, -1.2), p3(-0.14, 2.5, -0.92), 0.004);
-	block(s, p->black, p3(-0.58, 0.90, -1.12), p3(-0.02, 0.906, -0.66), 0.002);	/* hob */
+	block(s, p->black, p3(-0.58, 0.90, -1.12), p3(-0.02, 0.906, -0.66), 0.002); /* hob */
 }
 
 static void kitchen_tap(struct scene *s, const struct kitchen_paint *p)
 {
-	const struct knot foot[] = { { 0.028, 0, 1 }, { 0.028, 0.006, 1 }, { 0.016, 0.02, 0 }, { 0.014, 0.10, 1 },
+	const struct knot foot[] = { { 0.028, 0, 1 },
+				     { 0.028, 0.006, 1 },
+				     { 0.016, 0.02, 0 },
+				     { 0.014, 0.10, 1 },
 				     { 0, 0.10, 1 } };
-	const struct p3 neck[] = { { 0, 0.05, 0 }, { 0, 0.24, 0 }, { 0, 0.31, 0.04 }, { 0, 0.33, 0.10 },
-				   { 0, 0.31, 0.16 }, { 0, 0.26, 0.18 } };
-	const struct p3 lever[] = { { 0.01, 0.07, 0 }, { 0.035, 0.075, 0 }, { 0.06, 0.10, 0.01 }, { 0.075, 0.14, 0.02 } };
+	const struct p3 neck[] = { { 0, 0.05, 0 },    { 0, 0.24, 0 },    { 0, 0.31, 0.04 },
+				   { 0, 0.33, 0.10 }, { 0, 0.31, 0.16 }, { 0, 0.26, 0.18 } };
+	const struct p3 lever[] = {
+		{ 0.01, 0.07, 0 }, { 0.035, 0.075, 0 }, { 0.06, 0.10, 0.01 }, { 0.075, 0.14, 0.02 }
+	};
 	struct mesh m = { 0 };
 
 	lathe(&m, at(0, 0, 0), foot, COUNT(foot), 4, 24);
@@ -135,12 +146,16 @@ static void kitchen_tap(struct scene *s, const struct kitchen_paint *p)
 static void kitchen_kettle(struct scene *s, const struct kitchen_paint *p, struct place where)
 {
 	const struct knot body[] = {
-		{ 0, 0, 1 }, { 0.100, 0, 0 }, { 0.108, 0.006, 0 }, { 0.110, 0.03, 0 }, { 0.098, 0.09, 0 },
-		{ 0.070, 0.135, 0 }, { 0.050, 0.148, 1 }, { 0.046, 0.150, 0 }, { 0.030, 0.160, 0 }, { 0, 0.164, 0 },
+		{ 0, 0, 1 },         { 0.100, 0, 0 },     { 0.108, 0.006, 0 }, { 0.110, 0.03, 0 },
+		{ 0.098, 0.09, 0 },  { 0.070, 0.135, 0 }, { 0.050, 0.148, 1 }, { 0.046, 0.150, 0 },
+		{ 0.030, 0.160, 0 }, { 0, 0.164, 0 },
 	};
-	const struct p3 spout[] = { { 0.075, 0.06, 0 }, { 0.115, 0.085, 0 }, { 0.135, 0.125, 0 }, { 0.165, 0.150, 0 } };
-	const struct p3 grip[] = { { -0.078, 0.12, 0 }, { -0.088, 0.19, 0 }, { -0.05, 0.235, 0 }, { 0.0, 0.245, 0 },
-				   { 0.05, 0.235, 0 }, { 0.085, 0.19, 0 }, { 0.077, 0.12, 0 } };
+	const struct p3 spout[] = {
+		{ 0.075, 0.06, 0 }, { 0.115, 0.085, 0 }, { 0.135, 0.125, 0 }, { 0.165, 0.150, 0 }
+	};
+	const struct p3 grip[] = { { -0.078, 0.12, 0 }, { -0.088, 0.19, 0 }, { -0.05, 0.235, 0 },
+				   { 0.0, 0.245, 0 },   { 0.05, 0.235, 0 },  { 0.085, 0.19, 0 },
+				   { 0.077, 0.12, 0 } };
 	struct mesh m = { 0 };
 
 	lathe(&m, at(0, 0, 0), body, COUNT(body), 4, 40);
@@ -152,19 +167,34 @@ static void kitchen_kettle(struct scene *s, const struct kitchen_paint *p, struc
 }
 
 /* With a lid if lid, a long handle if not. */
-static void kitchen_pot(struct scene *s, int finish, int black, double r, double h, int lid, struct place where)
+static void kitchen_pot(struct scene *s, int finish, int black, double r, double h, int lid,
+			struct place where)
 {
 	const struct knot body[] = {
-		{ 0, 0, 1 }, { r - 0.008, 0, 0 }, { r, 0.008, 0 }, { r, h - 0.004, 0 }, { r + 0.004, h, 0 },
-		{ r - 0.002, h - 0.001, 0 }, { r - 0.004, h - 0.01, 0 }, { r - 0.004, 0.012, 0 }, { r - 0.012, 0.004, 0 },
+		{ 0, 0, 1 },
+		{ r - 0.008, 0, 0 },
+		{ r, 0.008, 0 },
+		{ r, h - 0.004, 0 },
+		{ r + 0.004, h, 0 },
+		{ r - 0.002, h - 0.001, 0 },
+		{ r - 0.004, h - 0.01, 0 },
+		{ r - 0.004, 0.012, 0 },
+		{ r - 0.012, 0.004, 0 },
 		{ 0, 0.004, 1 },
 	};
-	const struct knot top[] = { { r - 0.006, h - 0.002, 1 }, { r - 0.001, h + 0.004, 1 }, { r * 0.9, h + 0.014, 0 },
-				    { r * 0.5, h + 0.028, 0 }, { 0, h + 0.034, 0 } };
-	const struct p3 loop[] = { { r - 0.002, h * 0.75, -0.04 }, { r + 0.030, h * 0.78, -0.035 },
-				   { r + 0.035, h * 0.78, 0 }, { r + 0.030, h * 0.78, 0.035 },
+	const struct knot top[] = { { r - 0.006, h - 0.002, 1 },
+				    { r - 0.001, h + 0.004, 1 },
+				    { r * 0.9, h + 0.014, 0 },
+				    { r * 0.5, h + 0.028, 0 },
+				    { 0, h + 0.034, 0 } };
+	const struct p3 loop[] = { { r - 0.002, h * 0.75, -0.04 },
+				   { r + 0.030, h * 0.78, -0.035 },
+				   { r + 0.035, h * 0.78, 0 },
+				   { r + 0.030, h * 0.78, 0.035 },
 				   { r - 0.002, h * 0.75, 0.04 } };
-	const struct p3 stick[] = { { r - 0.002, h * 0.8, 0 }, { r + 0.06, h * 0.86, 0 }, { r + 0.20, h * 1.05, 0 } };
+	const struct p3 stick[] = { { r - 0.002, h * 0.8, 0 },
+				    { r + 0.06, h * 0.86, 0 },
+				    { r + 0.20, h * 1.05, 0 } };
 	struct mesh m = { 0 };
 
 	lathe(&m, at(0, 0, 0), body, COUNT(body), 2, 40);
@@ -184,8 +214,9 @@ static void kitchen_pot(struct scene *s, int finish, int black, double r, double
 static void kitchen_jar(struct scene *s, const struct kitchen_paint *p, struct place where)
 {
 	const struct knot jar[] = {
-		{ 0, 0, 1 }, { 0.048, 0, 0 }, { 0.052, 0.006, 0 }, { 0.056, 0.07, 0 }, { 0.05, 0.14, 0 },
-		{ 0.052, 0.15, 0 }, { 0.049, 0.152, 0 }, { 0.046, 0.14, 0 }, { 0.05, 0.07, 0 }, { 0.045, 0.01, 0 }, { 0, 0.008, 1 },
+		{ 0, 0, 1 },       { 0.048, 0, 0 },    { 0.052, 0.006, 0 }, { 0.056, 0.07, 0 },
+		{ 0.05, 0.14, 0 }, { 0.052, 0.15, 0 }, { 0.049, 0.152, 0 }, { 0.046, 0.14, 0 },
+		{ 0.05, 0.07, 0 }, { 0.045, 0.01, 0 }, { 0, 0.008, 1 },
 	};
 	struct mesh m = { 0 };
 
@@ -193,10 +224,12 @@ static void kitchen_jar(struct scene *s, const struct kitchen_paint *p, struct p
 	thing(s, &m, p->red, where);
 	for (int i = 0; i < 4; i++) {
 		const double a = i * 1.7 + 0.4, x = cos(a), z = sin(a);
-		const struct p3 rod[] = { { 0.02 * x, 0.02, 0.02 * z }, { 0.04 * x, 0.16, 0.04 * z },
+		const struct p3 rod[] = { { 0.02 * x, 0.02, 0.02 * z },
+					  { 0.04 * x, 0.16, 0.04 * z },
 					  { 0.062 * x, 0.27, 0.062 * z } };
-		const struct place top = turned(at(where.t.x + 0.064 * x, where.t.y + 0.285, where.t.z + 0.064 * z),
-						'y', 57 * a);
+		const struct place top =
+			turned(at(where.t.x + 0.064 * x, where.t.y + 0.285, where.t.z + 0.064 * z),
+			       'y', 57 * a);
 
 		tube(&m, at(0, 0, 0), rod, COUNT(rod), 0.004, 0.005, 4, 8);
 		thing(s, &m, i & 1 ? p->wood : p->steel, where);
@@ -215,13 +248,16 @@ static struct p3 towel_surface(double u, double v, const void *arg)
 
 static void kitchen_things(struct scene *s, const struct kitchen_paint *p)
 {
-	const int small = tumbler(s, p->glass, 0.036, 0.10), white = cup(s, p->china, 1), red = cup(s, p->red, 1);
-	const int orange = fruit(s, p->orange, 0.038, 0.03), apple = fruit(s, p->apple, 0.037, 0.22);
+	const int small = tumbler(s, p->glass, 0.036, 0.10), white = cup(s, p->china, 1),
+		  red = cup(s, p->red, 1);
+	const int orange = fruit(s, p->orange, 0.038, 0.03),
+		  apple = fruit(s, p->apple, 0.037, 0.22);
 	struct mesh m = { 0 };
 
 	kitchen_kettle(s, p, turned(at(-0.42, 0.906, -0.80), 'y', -35));
 	kitchen_pot(s, p->steel, p->black, 0.10, 0.13, 1, turned(at(-0.16, 0.906, -0.97), 'y', 20));
-	kitchen_pot(s, p->copper, p->black, 0.08, 0.085, 0, turned(at(0.15, 0.90, -0.72), 'y', -68));
+	kitchen_pot(s, p->copper, p->black, 0.08, 0.085, 0,
+		    turned(at(0.15, 0.90, -0.72), 'y', -68));
 	stand(s, small, at(0.30, 0.90, -0.88));
 	stand(s, small, at(0.365, 0.90, -0.80));
 	stand(s, tumbler(s, p->frost, 0.04, 0.12), at(0.26, 0.90, -1.02));
@@ -245,8 +281,9 @@ static void kitchen_things(struct scene *s, const struct kitchen_paint *p)
 /* What stands behind the camera and shows in the reflections; window to the left, lamp. */
 static void kitchen_rest(struct scene *s, const struct kitchen_paint *p)
 {
-	const struct knot shade[] = { { 0.03, 0.16, 1 }, { 0.05, 0.15, 0 }, { 0.12, 0.08, 0 }, { 0.17, 0, 1 },
-				      { 0.166, 0, 1 }, { 0.115, 0.075, 0 }, { 0.045, 0.145, 0 }, { 0.028, 0.156, 1 } };
+	const struct knot shade[] = { { 0.03, 0.16, 1 },   { 0.05, 0.15, 0 },  { 0.12, 0.08, 0 },
+				      { 0.17, 0, 1 },      { 0.166, 0, 1 },    { 0.115, 0.075, 0 },
+				      { 0.045, 0.145, 0 }, { 0.028, 0.156, 1 } };
 	const struct p3 cord[] = { { 0, 0.15, 0 }, { 0, 0.3, 0 }, { 0, 0.45, 0 } };
 	struct mesh m = { 0 };
 
@@ -262,7 +299,7 @@ static void kitchen_rest(struct scene *s, const struct kitchen_paint *p)
 	tube(&m, at(0, 0, 0), cord, COUNT(cord), 0.004, 0.004, 1, 6);
 	thing(s, &m, p->black, at(0.45, 2.05, -0.15));
 	glowing_disc(s, p->lamp, p3(0.45, 2.03, -0.15), 0.11);
-	block(s, p->wood, p3(-0.9, 0.70, 1.1), p3(0.5, 0.74, 1.9), 0.006);	/* table */
+	block(s, p->wood, p3(-0.9, 0.70, 1.1), p3(0.5, 0.74, 1.9), 0.006); /* table */
 	for (int i = 0; i < 4; i++)
 		block(s, p->wood, p3(i & 1 ? 0.38 : -0.84, 0, i & 2 ? 1.78 : 1.16),
 		      p3(i & 1 ? 0.44 : -0.78, 0.70, i & 2 ? 1.84 : 1.22), 0.004);
@@ -278,8 +315,8 @@ static void kitchen(const char *folder)
 
 	scene_open(&s, folder, "kitchen");
 	kitchen_paint(&s, &p);
-	room(&s, &(struct room){ { -1.5, 0, -1.2 }, { 1.5, 2.5, 2.4 }, p.floor, p.ceiling, p.plaster, p.plaster,
-				 p.plaster, p.plaster, 1 });
+	room(&s, p3(-1.5, 0, -1.2), p3(1.5, 2.5, 2.4),
+	     (const int[]){ p.floor, p.ceiling, p.plaster, p.plaster, p.plaster, p.plaster }, 1);
 	kitchen_tiles(&s, &p);
 	kitchen_units(&s, &p);
 	kitchen_tap(&s, &p);

@@ -40,7 +40,7 @@ struct mesh {
 /* A point of a profile: radius and height. */
 struct knot {
 	double r, y;
-	int sharp;		/* an edge; else the profile is smooth there */
+	int sharp; /* an edge; else the profile is smooth there */
 };
 
 static void *need(void *p)
@@ -116,7 +116,8 @@ static struct p3 placed(struct place p, struct p3 v)
 	return mad(turn(p.q, v), 1, p.t);
 }
 
-static unsigned corner(struct mesh *m, struct place where, struct p3 p, struct p3 n, double u, double v)
+static unsigned corner(struct mesh *m, struct place where, struct p3 p, struct p3 n, double u,
+		       double v)
 {
 	if (m->ncorner == m->room_corner) {
 		m->room_corner = m->room_corner * 2 + 64;
@@ -157,7 +158,8 @@ static void weave(struct mesh *m, unsigned first, int nu, int nv)
 		}
 }
 
-/* p + u a + v b for u, v in 0 .. 1; a x b points to the front. Texture coordinates: lengths times scale. */
+/* p + u a + v b for u, v in 0 .. 1; a x b points to the front. Texture coordinates: metres times
+ * scale. */
 static void quad(struct mesh *m, struct p3 p, struct p3 a, struct p3 b, double scale)
 {
 	const double u = sqrt(dot(a, a)) * scale, v = sqrt(dot(b, b)) * scale;
@@ -165,7 +167,8 @@ static void quad(struct mesh *m, struct p3 p, struct p3 a, struct p3 b, double s
 	const unsigned first = (unsigned)m->ncorner;
 
 	for (int k = 0; k < 4; k++)
-		corner(m, here, mad(mad(p, k & 1, a), k >> 1, b), cross(a, b), (k & 1) * u, (1 - (k >> 1)) * v);
+		corner(m, here, mad(mad(p, k & 1, a), k >> 1, b), cross(a, b), (k & 1) * u,
+		       (1 - (k >> 1)) * v);
 	weave(m, first, 1, 1);
 }
 
@@ -193,7 +196,8 @@ static void sheet(struct mesh *m, struct place where, int nu, int nv, surface *f
  * A box of half sizes h around the origin with edges rounded by radius; steps: quads from an edge
  * to the flat part, 0: sharp edges. Texture coordinates: metres times scale.
  */
-static void box(struct mesh *m, struct place where, struct p3 h, double radius, int steps, double scale)
+static void box(struct mesh *m, struct place where, struct p3 h, double radius, int steps,
+		double scale)
 {
 	const double half[3] = { h.x, h.y, h.z };
 	const int n = 2 * steps + 1;
@@ -209,7 +213,8 @@ static void box(struct mesh *m, struct place where, struct p3 h, double radius, 
 
 				d[a] = side;
 				for (int e = 0; e < 2; e++) {
-					const int low = k[e] <= steps, step = low ? steps - k[e] : k[e] - steps - 1;
+					const int low = k[e] <= steps,
+						  step = low ? steps - k[e] : k[e] - steps - 1;
 					const double t = steps ? tan(PI / 4 * step / steps) : 0;
 
 					p[axis[e]] = (low ? -1 : 1) * (half[axis[e]] - radius);
@@ -258,13 +263,16 @@ static void between(const struct knot *k, int i, int n, double t, double p[2], d
 	along(k, i + 1, n, b);
 	for (int c = 0; c < 2; c++) {
 		const double line = s[c] / l;
-		const double ta = l * (k[i].sharp ? (k[i + 1].sharp ? line : 2 * line - b[c]) : a[c]);
-		const double tb = l * (k[i + 1].sharp ? (k[i].sharp ? line : 2 * line - a[c]) : b[c]);
+		const double ta =
+			l * (k[i].sharp ? (k[i + 1].sharp ? line : 2 * line - b[c]) : a[c]);
+		const double tb =
+			l * (k[i + 1].sharp ? (k[i].sharp ? line : 2 * line - a[c]) : b[c]);
 		const double t2 = t * t, t3 = t2 * t;
 
 		p[c] = (2 * t3 - 3 * t2 + 1) * from[c] + (t3 - 2 * t2 + t) * ta +
 		       (3 * t2 - 2 * t3) * to[c] + (t3 - t2) * tb;
-		d[c] = 6 * (t2 - t) * (from[c] - to[c]) + (3 * t2 - 4 * t + 1) * ta + (3 * t2 - 2 * t) * tb;
+		d[c] = 6 * (t2 - t) * (from[c] - to[c]) + (3 * t2 - 4 * t + 1) * ta +
+		       (3 * t2 - 2 * t) * tb;
 	}
 	if (p[0] < 0)
 		p[0] = 0;
@@ -275,7 +283,8 @@ static void between(const struct knot *k, int i, int n, double t, double p[2], d
  * r > 0 it points outwards; a solid starts at the axis below and ends at the axis above. steps:
  * pieces of a curved part between two knots; sides: of a full turn.
  */
-static void lathe(struct mesh *m, struct place where, const struct knot *k, int n, int steps, int sides)
+static void lathe(struct mesh *m, struct place where, const struct knot *k, int n, int steps,
+		  int sides)
 {
 	double length = 0, last[2] = { k[0].r, k[0].y };
 
@@ -290,7 +299,8 @@ static void lathe(struct mesh *m, struct place where, const struct knot *k, int 
 			length += hypot(p[0] - last[0], p[1] - last[1]);
 			memcpy(last, p, sizeof p);
 			for (int s = 0; s <= sides; s++) {
-				const double a = s == sides ? 0 : 2 * PI * s / sides, x = cos(a), z = -sin(a);
+				const double a = s == sides ? 0 : 2 * PI * s / sides, x = cos(a),
+					     z = -sin(a);
 
 				corner(m, where, p3(p[0] * x, p[1], p[0] * z),
 				       p3(d[1] * x, -d[0], d[1] * z), (double)s / sides, -length);
@@ -311,7 +321,8 @@ static void ball(struct mesh *m, struct place where, double r, int sides)
 			const double ring = j == 0 || j == rows ? 0 : sin(t);
 			const struct p3 n = p3(ring * cos(a), -cos(t), -ring * sin(a));
 
-			corner(m, where, mad(p3(0, 0, 0), r, n), n, (double)i / sides, 1 - (double)j / rows);
+			corner(m, where, mad(p3(0, 0, 0), r, n), n, (double)i / sides,
+			       1 - (double)j / rows);
 		}
 	weave(m, first, sides, rows);
 }
@@ -321,7 +332,8 @@ static struct p3 curve(const struct p3 *p, int n, double t)
 {
 	const int i = t >= n - 1 ? n - 2 : (int)t;
 	const double s = t - i, s2 = s * s, s3 = s2 * s;
-	const struct p3 a = p[i > 0 ? i - 1 : 0], b = p[i], c = p[i + 1], d = p[i + 2 < n ? i + 2 : n - 1];
+	const struct p3 a = p[i > 0 ? i - 1 : 0], b = p[i], c = p[i + 1],
+			d = p[i + 2 < n ? i + 2 : n - 1];
 	struct p3 r = mad(p3(0, 0, 0), (-s3 + 2 * s2 - s) / 2, a);
 
 	r = mad(r, (3 * s3 - 5 * s2 + 2) / 2, b);
@@ -330,8 +342,8 @@ static struct p3 curve(const struct p3 *p, int n, double t)
 }
 
 /* A tube along the curve through p, from radius r0 to r1, round at both ends. */
-static void tube(struct mesh *m, struct place where, const struct p3 *p, int n, double r0, double r1,
-		 int steps, int sides)
+static void tube(struct mesh *m, struct place where, const struct p3 *p, int n, double r0,
+		 double r1, int steps, int sides)
 {
 	const int rings = (n - 1) * steps, cap = 3;
 	const unsigned first = (unsigned)m->ncorner;
@@ -341,11 +353,13 @@ static void tube(struct mesh *m, struct place where, const struct p3 *p, int n, 
 		const int k = j < 0 ? 0 : j > rings ? rings : j;
 		const double t = (double)k / steps, h = 1e-3;
 		const double bend = (j - k) * PI / 2 / cap, r = r0 + (r1 - r0) * k / rings;
-		const struct p3 d = unit(sub(curve(p, n, fmin(t + h, n - 1)), curve(p, n, fmax(t - h, 0))));
+		const struct p3 d =
+			unit(sub(curve(p, n, fmin(t + h, n - 1)), curve(p, n, fmax(t - h, 0))));
 		const struct p3 c = mad(curve(p, n, t), r * sin(bend), d);
 
 		if (j == -cap)
-			x = fabs(d.y) < 0.9 ? unit(cross(d, p3(0, 1, 0))) : unit(cross(d, p3(1, 0, 0)));
+			x = fabs(d.y) < 0.9 ? unit(cross(d, p3(0, 1, 0)))
+					    : unit(cross(d, p3(1, 0, 0)));
 		else
 			x = unit(mad(x, -dot(x, d), d));
 		last = cross(d, x);
@@ -355,7 +369,8 @@ static void tube(struct mesh *m, struct place where, const struct p3 *p, int n, 
 			const double ring = abs(j - k) == cap ? 0 : cos(bend);
 
 			corner(m, where, mad(c, r * ring, out),
-			       mad(mad(p3(0, 0, 0), ring, out), sin(bend), d), (double)i / sides, t);
+			       mad(mad(p3(0, 0, 0), ring, out), sin(bend), d), (double)i / sides,
+			       t);
 		}
 	}
 	weave(m, first, sides, rings + 2 * cap);

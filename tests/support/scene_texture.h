@@ -22,7 +22,8 @@ static double noise(double x, double y, int period, unsigned seed)
 {
 	const double fx = floor(x), fy = floor(y), a = x - fx, b = y - fy;
 	const double u = a * a * (3 - 2 * a), v = b * b * (3 - 2 * b);
-	const int x0 = (((int)fx % period) + period) % period, y0 = (((int)fy % period) + period) % period;
+	const int x0 = (((int)fx % period) + period) % period,
+		  y0 = (((int)fy % period) + period) % period;
 	const int x1 = (x0 + 1) % period, y1 = (y0 + 1) % period;
 	const double top = noise_at(x0, y0, seed) * (1 - u) + noise_at(x1, y0, seed) * u;
 	const double low = noise_at(x0, y1, seed) * (1 - u) + noise_at(x1, y1, seed) * u;
@@ -59,7 +60,8 @@ typedef void picture(double u, double v, double rgb[3]);
 
 static void chunk(FILE *f, const char *type, const unsigned char *data, size_t n)
 {
-	const uint32_t crc = (uint32_t)crc32(crc32(0, (const unsigned char *)type, 4), data, (uInt)n);
+	const uint32_t crc =
+		(uint32_t)crc32(crc32(0, (const unsigned char *)type, 4), data, (uInt)n);
 
 	for (int k = 24; k >= 0; k -= 8)
 		putc((int)(n >> k & 255), f);
@@ -74,8 +76,19 @@ static void chunk(FILE *f, const char *type, const unsigned char *data, size_t n
 static void picture_write(const char *folder, const char *name, int w, int h, picture *p)
 {
 	static const unsigned char magic[8] = { 137, 'P', 'N', 'G', 13, 10, 26, 10 };
-	unsigned char head[13] = { 0, 0, (unsigned char)(w >> 8), (unsigned char)w, 0, 0,
-				   (unsigned char)(h >> 8), (unsigned char)h, 8, 2, 0, 0, 0 };
+	unsigned char head[13] = { 0,
+				   0,
+				   (unsigned char)(w >> 8),
+				   (unsigned char)w,
+				   0,
+				   0,
+				   (unsigned char)(h >> 8),
+				   (unsigned char)h,
+				   8,
+				   2,
+				   0,
+				   0,
+				   0 };
 	const size_t row = 3 * (size_t)w + 1, n = row * (size_t)h;
 	unsigned char *raw = need(calloc(n, 1)), *packed;
 	uLongf size = compressBound(n);
@@ -120,7 +133,8 @@ static void wood(double u, double v, double c[3])
 {
 	const double bend = 0.06 * clouds(u, v, 3, 2, 5);
 	const double ring = noise((u + bend) * 14, v * 1, 14, 31);
-	const double line = noise((u + 0.2 * bend) * 96, v * 4, 96, 7), t = 0.65 * ring + 0.35 * line;
+	const double line = noise((u + 0.2 * bend) * 96, v * 4, 96, 7),
+		     t = 0.65 * ring + 0.35 * line;
 
 	c[0] = mix(0.45, 0.80, t), c[1] = mix(0.28, 0.60, t), c[2] = mix(0.15, 0.40, t);
 }
@@ -131,7 +145,8 @@ static void boards(double u, double v, double c[3])
 	const int board = (int)(u * 4);
 	const double x = u * 4 - board, y = v + 0.37 * board, joint = fabs(y - floor(y) - 0.5);
 	const double shade = mix(0.75, 1.1, noise_at(board, 5, 99));
-	const double gap = smooth(0.012, 0.03, x) * smooth(0.012, 0.03, 1 - x) * smooth(0.003, 0.006, joint);
+	const double gap =
+		smooth(0.012, 0.03, x) * smooth(0.012, 0.03, 1 - x) * smooth(0.003, 0.006, joint);
 
 	wood(u, v * 0.999, c);
 	for (int k = 0; k < 3; k++)
@@ -141,10 +156,12 @@ static void boards(double u, double v, double c[3])
 /* Checked cloth. */
 static void check(double u, double v, double c[3])
 {
-	const double a = u * 8 - floor(u * 8) < 0.5, b = v * 8 - floor(v * 8) < 0.5, t = (a + b) / 2;
+	const double a = u * 8 - floor(u * 8) < 0.5, b = v * 8 - floor(v * 8) < 0.5,
+		     t = (a + b) / 2;
 	const double weave_ = 0.94 + 0.06 * noise_at((int)(u * 128), (int)(v * 128), 3);
 
-	c[0] = weave_ * mix(0.94, 0.75, t), c[1] = weave_ * mix(0.92, 0.16, t), c[2] = weave_ * mix(0.86, 0.14, t);
+	c[0] = weave_ * mix(0.94, 0.75, t), c[1] = weave_ * mix(0.92, 0.16, t),
+	c[2] = weave_ * mix(0.86, 0.14, t);
 }
 
 #endif
