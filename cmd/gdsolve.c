@@ -6,6 +6,7 @@
 
 #include "buffers.h"
 #include "cli.h"
+#include "pairsolve.h"
 #include "poisson.h"
 
 struct job {
@@ -13,9 +14,11 @@ struct job {
 	struct gd_image im;
 	struct gd_poisson_conf conf;
 	struct gd_poisson_in in;
+	struct gd_pairs edges;
+	struct gd_pairsolve_in paired;
 	struct gd_poisson_result result;
 	const char *method, *layer;
-	bool keep;
+	bool pairs, keep;
 };
 
 static int choose_method(struct job *job, struct gd_err *err)
@@ -40,6 +43,7 @@ static void drop_used(struct gd_image *im)
 		gd_layer_want(im, layer[i], GD_DROP);
 		gd_layer_want_variance(im, layer[i], GD_DROP);
 	}
+	gd_family_want(im, "pair", GD_DROP);
 	gd_family_want(im, "bin", GD_DROP);
 	gd_family_want(im, "half", GD_DROP);
 }
@@ -55,6 +59,26 @@ static const char *lacking(const struct gd_image *im, const char *prefix, char n
 	return name;
 }
 
+static int choose_pairs(struct job *job, struct gd_err *err)
+{
+	struct gd_image *im = &job->im;
+	const int layers = gd_pairs_layers(im);
+	char prefix[16], name[32];
+
+	if (!layers)
+		return gd_fail(err, GD_ESHAPE, "no channel pair0.x");
+	gd_pairs_want(im);
+	for (int k = 0; k < layers; k++) {
+		snprintf(prefix, sizeof(prefix), "pair%d.", k);
+		if (!gd_layer_want(im, prefix, GD_READ))
+			return gd_fail(err, GD_ESHAPE, "no channel %s", lacking(im, prefix, name));
+	}
+	if (!gd_layer_want(im, "", GD_READ))
+		return gd_fail(err, GD_ESHAPE, "no channel %s, which pairs need",
+			       lacking(im, "", name));
+	return GD_OK;
+}
+
 static int choose_channels(struct job *job, struct gd_err *err)
 {
 	const bool screened = job->conf.method == GD_L2 || job->conf.method == GD_L1;
@@ -63,6 +87,13 @@ static int choose_channels(struct job *job, struct gd_err *err)
 
 	if (!job->keep && !*job->layer)
 		drop_used(im);
+	if (!gd_layer_find(im, "dx").n && gd_pairs_layers(im))
+		job->pairs = true;
+	if (job->pairs && !screened)
+		return gd_fail(err, GD_EARG, "--method %s: pairs are solved by l2 or l1",
+			       job->method);
+	if (job->pairs)
+		return choose_pairs(job, err);
 	if (!gd_layer_want(im, "dx", GD_READ))
 		return gd_fail(err, GD_ESHAPE, "no channel %s", lacking(im, "dx.", name));
 	if (!gd_layer_want(im, "dy", GD_READ))
@@ -112,25 +143,57 @@ static int collect(struct job *job, struct gd_err *err)
 	return GD_OK;
 }
 
+static int collect_pairs(struct job *job, struct gd_err *err)
+{
+	const int layers = gd_pairs_layers(&job->im);
+	struct gd_plane plane[GD_LAYER_PLANES];
+	struct gd_err bad = { 0 };
+	int rc = gd_pairs_from_image(&job->edges, &job->im, &bad);
+
+	if (rc == GD_EFORMAT)
+		return gd_fail(err, rc, "%s: %s", job->cli.input, bad.text);
+	if (rc != GD_OK)
+		return gd_fail(err, rc, "%s", bad.text);
+	job->paired.pairs = &job->edges;
+	job->paired.n = gd_layer_planes(&job->im, "", plane);
+	for (int c = 0; c < job->paired.n; c++)
+		job->paired.primal[c] = plane[c];
+	for (int k = 0; k < layers; k++) {
+		char layer[16];
+
+		snprintf(layer, sizeof(layer), "pair%d", k);
+		if (gd_layer_planes(&job->im, layer, plane) != job->paired.n)
+			return gd_fail(err, GD_ESHAPE,
+				       "%s and the colour differ in their number of channels",
+				       layer);
+		for (int c = 0; c < job->paired.n; c++)
+			job->paired.value[k][c] = plane[c];
+	}
+	return GD_OK;
+}
+
 /* The result takes the place of the colour, or becomes a layer of its own. */
 static int solve(struct job *job, struct gd_err *err)
 {
 	struct gd_plane out[GD_LAYER_PLANES], to[GD_LAYER_PLANES];
-	const struct gd_plane like = job->in.dx[0];
-	const size_t size = (size_t)like.h * gd_stride(like.w);
-	float *block = gd_alloc((size_t)job->in.n * size, sizeof(*block));
+	const int n = job->pairs ? job->paired.n : job->in.n, w = job->im.w, h = job->im.h;
+	const size_t size = (size_t)h * gd_stride(w);
+	float *block = gd_alloc((size_t)n * size, sizeof(*block));
 	int rc;
 
 	if (!block)
 		return gd_fail(err, GD_ENOMEM, "out of memory");
-	for (int c = 0; c < job->in.n; c++)
-		out[c] = gd_plane_of(block + (size_t)c * size, like.w, like.h);
-	rc = gd_poisson_solve(out, &job->in, &job->conf, &job->result, &job->cli.report, err);
+	for (int c = 0; c < n; c++)
+		out[c] = gd_plane_of(block + (size_t)c * size, w, h);
+	rc = job->pairs ? gd_pairsolve(out, &job->paired, &job->conf, &job->result,
+				       &job->cli.report, err)
+			: gd_poisson_solve(out, &job->in, &job->conf, &job->result,
+					   &job->cli.report, err);
 	if (rc == GD_OK)
-		rc = gd_layer_add(&job->im, job->layer, job->in.n, to, err);
-	for (int c = 0; rc == GD_OK && c < job->in.n; c++)
-		for (int y = 0; y < like.h; y++)
-			memcpy(gd_row(to[c], y), gd_row(out[c], y), (size_t)like.w * sizeof(float));
+		rc = gd_layer_add(&job->im, job->layer, n, to, err);
+	for (int c = 0; rc == GD_OK && c < n; c++)
+		for (int y = 0; y < h; y++)
+			memcpy(gd_row(to[c], y), gd_row(out[c], y), (size_t)w * sizeof(float));
 	free(block);
 	return rc;
 }
@@ -138,8 +201,10 @@ static int solve(struct job *job, struct gd_err *err)
 /* What was read only to be used up does not leave. */
 static bool used(const char *name, void *user)
 {
+	const bool pair = !strncmp(name, "pair", 4) && strcspn(name, ".") == 5;
+
 	(void)user;
-	return !strncmp(name, "dx.", 3) || !strncmp(name, "dy.", 3);
+	return pair || !strncmp(name, "dx.", 3) || !strncmp(name, "dy.", 3);
 }
 
 static int run(struct job *job, struct gd_err *err)
@@ -156,7 +221,7 @@ static int run(struct job *job, struct gd_err *err)
 	else
 		gd_exr_close(file);
 	if (rc == GD_OK)
-		rc = collect(job, err);
+		rc = job->pairs ? collect_pairs(job, err) : collect(job, err);
 	if (rc == GD_OK)
 		rc = solve(job, err);
 	if (rc != GD_OK)
@@ -195,6 +260,8 @@ int main(int argc, char **argv)
 		       "wls: added to each variance, times the median variance"),
 		GD_NUM(0, "smooth", "PIXELS", &conf->smooth_px, 0, 8,
 		       "wls: standard deviation of the blur of the variances"),
+		GD_FLAG(0, "pairs", &job.pairs,
+			"take the gradients of pairs of pixels in place of dx and dy"),
 		GD_OPT('l', "layer", "LAYER", &job.layer,
 		       "write the result to LAYER and leave the rest alone"),
 		GD_FLAG(0, "keep", &job.keep, "write gradients, variances and bins too"),
@@ -211,6 +278,7 @@ int main(int argc, char **argv)
 
 	gd_cli_parse(&job.cli, &cmd, argc, argv);
 	rc = run(&job, &err);
+	gd_pairs_free(&job.edges);
 	gd_image_free(&job.im);
 	return gd_cli_finish(&job.cli, rc, &err);
 }

@@ -110,7 +110,7 @@ static float neighbour_median(struct gd_plane p, int x, int y)
 	return v[n / 2];
 }
 
-static const float *primal_row(const struct gd_field *field, int c, int y, float *out)
+const float *gd_field_primal(const struct gd_field *field, int c, int y, float *out)
 {
 	const struct gd_prep_kernels *k = GD_PICK(gd_prep);
 	const struct gd_plane p = field->primal[c];
@@ -155,7 +155,7 @@ struct gd_mg_rows gd_field_rows(const struct gd_field *field, int y, float *work
 		rows.dy[c] = dy;
 		rows.up[c] = up;
 		if (field->primal && field->primal[c].v)
-			rows.primal[c] = primal_row(field, c, y, slot(field, work, 9 + c));
+			rows.primal[c] = gd_field_primal(field, c, y, slot(field, work, 9 + c));
 	}
 	return rows;
 }
@@ -201,7 +201,7 @@ static double row_gap(const struct gd_field *field, int c, int y, const void *x,
 	double gap = 0;
 
 	if (target && field->primal && field->primal[c].v) {
-		const float *p = primal_row(field, c, y, work);
+		const float *p = gd_field_primal(field, c, y, work);
 
 		for (int i = 0; i < field->w; i++)
 			gap += (double)p[i];
@@ -260,7 +260,7 @@ static void anchor_row(const struct gd_field *field, const struct gd_mg_level *l
 	for (int c = 0; c < field->n; c++) {
 		const size_t at = c * l->plane + (size_t)y * l->stride;
 		const float *p = target && field->primal && field->primal[c].v
-					 ? primal_row(field, c, y, work)
+					 ? gd_field_primal(field, c, y, work)
 					 : NULL;
 
 		for (int i = 0; i < l->w; i++) {

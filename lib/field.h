@@ -39,6 +39,9 @@ size_t gd_field_work(const struct gd_field *field);
  * neighbours (0 without any). */
 struct gd_mg_rows gd_field_rows(const struct gd_field *field, int y, float *work);
 
+/* The primal's part of that: row y of channel c, in work (w floats). */
+const float *gd_field_primal(const struct gd_field *field, int c, int y, float *work);
+
 /* Sets a_i: weight where the primal is finite, 1e-4 weight elsewhere. */
 void gd_field_screen(const struct gd_field *field, const struct gd_mg_level *l, bool wide,
 		     double weight);

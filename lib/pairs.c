@@ -15,7 +15,8 @@
 #define TAU_NORMAL 0.02f
 #define TAU_ALBEDO 0.001f
 #define TAU_DEPTH 0.01f
-#define NOISE 2		/* times the expected squared distance of two equal pixels: it scatters as much */
+#define NOISE 4		/* times the expected squared distance of two equal pixels: of normal noise, 1 % (three
+			   components) to 5 % (one) of the pairs are beyond */
 #define TAIL 0.001	/* share of values that may lie beyond a feature's range, at either end */
 #define FAR 1e20f	/* some renderers write such a depth where nothing was hit */
 #define UNLIKE -16.0f	/* noise of a pixel that is like no other: distances are 3 at most */

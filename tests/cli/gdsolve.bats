@@ -128,3 +128,64 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !(d <= t && 
 	"$bin/gdrelmse" --format tsv -r "$k/reference.exr" "$k/gpt16.exr" l2.exr l1.exr |
 		awk -F '\t' '/exr/ && $2 + 0 == $2 { e[++n] = $2 } END { exit !(n == 3 && e[2] < 0.7 * e[1] && e[3] < 0.95 * e[2]) }'
 }
+
+# Exact differences to the second pixel right (pair0) and to the lower left one (pair1); colour noise.
+paired() {
+	local out=$1 f='$x/8+($y>3?1:0)' args=() c
+	shift
+	for c in R G B; do
+		args+=("$c=$f+0.1*noise()" "pair0.$c=2/8" "pair1.$c=(\$y==3?1:0)-1/8")
+		args+=("pair0.variance.$c=1" "truth.$c=$f")
+	done
+	"$support/mkexr.pl" "$out" 16 8 "${args[@]}" 'pair0.x=$x<$w-2?2:0' pair0.y=0 \
+		'pair1.x=$x>0&&$y<7?-1:0' 'pair1.y=$x>0&&$y<7?1:0' "$@"
+}
+
+@test "--pairs: the differences of any two pixels" {
+	paired in.exr
+	for m in l2 l1; do
+		solve -m "$m" --pairs -a 0.01 in.exr out.exr
+		near "$("$val" out.exr R 12 5)" "$(awk -v a="$("$val" out.exr R 4 2)" 'BEGIN { print a + 2 }')" 0.01
+		near "$("$val" out.exr G)" "$("$val" in.exr G)" 1e-2
+	done
+	[ "$(channels out.exr | tr '\n' ' ')" = "B G R truth.B truth.G truth.R " ]
+	solve in.exr same.exr
+	solve --pairs in.exr out.exr
+	[ "$("$val" out.exr R 7 3)" = "$("$val" same.exr R 7 3)" ]
+	solve --pairs --keep in.exr out.exr
+	diff <(channels in.exr) <(channels out.exr)
+	solve --pairs -l clean in.exr out.exr
+	[ "$("$val" out.exr R 5 5)" = "$("$val" in.exr R 5 5)" ]
+	[ "$("$val" out.exr | grep -c '^clean\.')" = 3 ]
+}
+
+@test "--pairs beside dx and dy must be said, and all of them go" {
+	paired in.exr dx.R=0 dx.G=0 dx.B=0 dy.R=0 dy.G=0 dy.B=0
+	solve -m l2 -a 0.001 in.exr out.exr
+	near "$("$val" out.exr R 0 0)" "$("$val" out.exr R 15 7)" 1e-2
+	solve --pairs -m l2 -a 0.001 in.exr out.exr
+	near "$("$val" out.exr R 15 7)" "$(awk -v a="$("$val" out.exr R 0 0)" 'BEGIN { print a + 15 / 8 + 1 }')" 0.01
+	[ "$(channels out.exr | tr '\n' ' ')" = "B G R truth.B truth.G truth.R " ]
+}
+
+@test "--pairs: what is wrong is said" {
+	paired in.exr
+	run --separate-stderr "$bin/gdsolve" -m wls in.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: --method wls: pairs are solved by l2 or l1" ]
+	"$support/mkexr.pl" a.exr 4 4 R=1 G=1 B=1
+	run --separate-stderr "$bin/gdsolve" --pairs a.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: a.exr: no channel pair0.x" ]
+	"$support/mkexr.pl" b.exr 4 4 R=1 G=1 B=1 pair0.x=0
+	run --separate-stderr "$bin/gdsolve" b.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: b.exr: no channel pair0.R" ]
+	"$support/mkexr.pl" c.exr 4 4 R=1 G=1 B=1 pair0.x=0 pair0.R=0 pair0.G=0 pair0.B=0
+	run --separate-stderr "$bin/gdsolve" c.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: c.exr: no channel pair0.y" ]
+	"$support/mkexr.pl" d.exr 4 4 R=1 G=1 pair0.x=0 pair0.y=0 pair0.R=0 pair0.G=0 pair0.B=0
+	run --separate-stderr "$bin/gdsolve" d.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: d.exr: no channel B, which pairs need" ]
+	"$support/mkexr.pl" e.exr 4 4 R=1 G=1 B=1 pair0.x=3 pair0.y=0 pair0.R=0 pair0.G=0 pair0.B=0
+	run --separate-stderr "$bin/gdsolve" e.exr out.exr
+	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: e.exr: pair0.x is 3 at pixel 0,0, expected a whole number from -2 to 2" ]
+	[ ! -e out.exr ]
+}
