@@ -1,0 +1,297 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "render/render.h"
+
+#include <omp.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "render/film.h"
+
+#define TILE 8			/* side of a tile in pixels */
+#define TILES_A_THREAD 128	/* so that waiting for the last tile costs less than 1 % */
+
+struct job {
+	gd_render_sample *sample;
+	const void *user;
+	const struct gd_render_conf *conf;
+	struct gd_plan plan;
+	struct gd_film film;
+	double round;			/* samples of one round */
+	double start;
+	uint32_t rounds;		/* done so far */
+	double done;			/* samples in them */
+	const struct gd_report *report;
+};
+
+static double cpu_seconds(void)
+{
+	struct timespec t;
+
+	clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+	return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* ---- what is asked for ---- */
+
+static bool fits(struct gd_plane p, int w, int h)
+{
+	return !p.v || (p.w == w && p.h == h);
+}
+
+static int check_maps(const struct gd_plan *plan, struct gd_err *err)
+{
+	const struct gd_render_conf *c = plan->conf;
+
+	if (!fits(c->counts, plan->w, plan->h) || !fits(c->shares, plan->w, plan->h))
+		return gd_fail(err, GD_EARG, "a map of counts or shares is not %d x %d", plan->w,
+			       plan->h);
+	if (c->pairs && !(c->pairs->w == c->w && c->pairs->h == c->h) &&
+	    !(c->pairs->w == plan->w && c->pairs->h == plan->h))
+		return gd_fail(err, GD_EARG, "pairs of %d x %d pixels, expected %d x %d",
+			       c->pairs->w, c->pairs->h, c->w, c->h);
+	for (int y = 0; y < plan->h; y++)
+		for (int x = 0; x < plan->w; x++) {
+			const float n = c->counts.v ? gd_row(c->counts, y)[x] : 0;
+			const double share = gd_plan_share(plan, x, y);
+
+			if (!(n >= 0 && n <= GD_RENDER_SAMPLES) || n != floorf(n))
+				return gd_fail(err, GD_EARG, "%g samples at (%d, %d): expected a "
+					       "whole number, 0 to %d", (double)n,
+					       x + c->crop.x0, y + c->crop.y0, GD_RENDER_SAMPLES);
+			if (!(share >= 0 && share <= 1))
+				return gd_fail(err, GD_EARG, "a share of %g at (%d, %d): expected "
+					       "0 to 1", share, x + c->crop.x0, y + c->crop.y0);
+		}
+	return GD_OK;
+}
+
+static int check(const struct gd_plan *plan, struct gd_err *err)
+{
+	const struct gd_render_conf *c = plan->conf;
+	const struct gd_box *b = &c->crop;
+
+	if (c->w < 1 || c->h < 1 || b->x0 < 0 || b->y0 < 0 || b->x1 >= c->w || b->y1 >= c->h ||
+	    plan->w < 1 || plan->h < 1)
+		return gd_fail(err, GD_EARG, "a crop of (%d, %d) to (%d, %d) in %d x %d pixels",
+			       b->x0, b->y0, b->x1, b->y1, c->w, c->h);
+	if (c->bins && (c->bins < 2 || c->bins > GD_RENDER_BINS))
+		return gd_fail(err, GD_EARG, "%d bins: expected 0, or 2 to %d", c->bins,
+			       GD_RENDER_BINS);
+	if (!c->counts.v && (c->spp > GD_RENDER_SAMPLES || c->spp < (c->seconds > 0 ? 0 : 1)))
+		return gd_fail(err, GD_EARG, "%d samples a pixel: expected 1 to %d", c->spp,
+			       GD_RENDER_SAMPLES);
+	return check_maps(plan, err);
+}
+
+double gd_render_bytes(const struct gd_render_conf *conf)
+{
+	const struct gd_plan plan = gd_plan(conf);
+	const int layers = 1 + (conf->pairs ? GD_PAIRS : 2);
+
+	/* the image: means, variances and bins of colours, features, numbers of samples */
+	return gd_film_bytes(plan.w, plan.h, conf->bins, conf->reuse) +
+	       (double)plan.h * (double)gd_stride(plan.w) * sizeof(float) *
+		       (layers * (9 + 3 * conf->bins) + 2 * GD_FILM_G + 3);
+}
+
+/* Memory is granted before it is there; better to say now that it is not. */
+static int check_memory(const struct gd_render_conf *conf, struct gd_err *err)
+{
+	const double need = gd_render_bytes(conf);
+	const double have = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+
+	if (have > 0 && need > have)
+		return gd_fail(err, GD_ENOMEM, "out of memory: %d x %d pixels with %d bins take "
+			       "%.3g GB, the machine has %.3g (see --crop, --bins)",
+			       conf->crop.x1 - conf->crop.x0 + 1, conf->crop.y1 - conf->crop.y0 + 1,
+			       conf->bins, 1e-9 * need, 1e-9 * have);
+	return GD_OK;
+}
+
+/* ---- rendering ---- */
+
+/* Edges that are traced, as the path tracer wants them; their places in slot. */
+static struct gd_path_in aim(const struct job *j, int x, int y, int slot[GD_PAIRS])
+{
+	struct gd_path_in in = { .w = j->conf->w, .h = j->conf->h,
+				 .x = j->conf->crop.x0 + x, .y = j->conf->crop.y0 + y };
+	struct gd_edge edge[GD_PAIRS];
+	const int n = gd_plan_edges(&j->plan, x, y, edge);
+
+	for (int k = 0; k < n; k++) {
+		if (!(edge[k].r > 0))
+			continue;
+		in.dx[in.n] = edge[k].x;
+		in.dy[in.n] = edge[k].y;
+		in.r[in.n] = edge[k].r;
+		slot[in.n++] = k;
+	}
+	return in;
+}
+
+/* Samples of so many rounds at one pixel; their number. */
+static uint32_t render_pixel(struct job *j, struct gd_visit *v, int x, int y, uint32_t rounds)
+{
+	const struct gd_render_conf *conf = j->conf;
+	const uint32_t each = gd_plan_samples(&j->plan, x, y), n = each * rounds;
+	const uint32_t first = each * j->rounds;
+	const uint32_t bins = conf->bins > 1 ? (uint32_t)conf->bins : 1;
+	const double share = gd_plan_share(&j->plan, x, y);
+	int slot[GD_PAIRS];
+	struct gd_path_in in;
+	struct gd_path_out out;
+
+	if (!n)
+		return 0;
+	in = aim(j, x, y, slot);
+	const int edges = in.n;
+
+	gd_visit_begin(v, &j->film);
+	for (uint32_t s = first; s < first + n; s++) {
+		struct gd_draw draw = gd_draw_start(conf->seed, (uint32_t)in.x, (uint32_t)in.y, s);
+		const uint32_t t = s / bins;
+
+		in.n = gd_plan_traced(share, t + 1) > gd_plan_traced(share, t) ? edges : 0;
+		j->sample(j->user, &conf->path, &in, &draw, &out);
+		gd_visit_add(v, &j->film, &out, in.n, slot, (int)(s % bins));
+	}
+	gd_film_store(&j->film, x, y, v);
+	return n;
+}
+
+static void tell(const struct job *j, double samples, double all)
+{
+	const double time = j->conf->seconds > 0 ?
+		(gd_seconds() - j->start) / j->conf->seconds : 0;
+
+	gd_progress(j->report, "rendering", fmax(time, samples / fmax(all, 1)));
+}
+
+/* A side for tiles, such that there are enough of them for all threads. */
+static int tile_side(const struct job *j)
+{
+	const double pixels = (double)j->plan.w * j->plan.h;
+	int side = TILE;
+
+	while (side > 1 && pixels / (side * side) < TILES_A_THREAD * (double)omp_get_max_threads())
+		side /= 2;
+	return side;
+}
+
+/* Tiles go to whoever is free. Each pixel is a computation of its own, in one thread. */
+static void render_rounds(struct job *j, uint32_t rounds, double all)
+{
+	const int side = tile_side(j);
+	const int across = (j->plan.w + side - 1) / side, down = (j->plan.h + side - 1) / side;
+	atomic_long next = 0;
+	atomic_ullong samples = 0;
+
+#pragma omp parallel
+	{
+		struct gd_visit v;
+		long tile;
+
+		while ((tile = atomic_fetch_add(&next, 1)) < (long)across * down) {
+			const int x0 = (int)(tile % across) * side, y0 = (int)(tile / across) * side;
+			unsigned long long n = 0;
+
+			for (int y = y0; y < y0 + side && y < j->plan.h; y++)
+				for (int x = x0; x < x0 + side && x < j->plan.w; x++)
+					n += render_pixel(j, &v, x, y, rounds);
+			n += atomic_fetch_add(&samples, n);
+			if (omp_get_thread_num() == 0)
+				tell(j, j->done + (double)n, all);
+		}
+	}
+	j->rounds += rounds;
+	j->done += rounds * j->round;
+}
+
+/* Most rounds that counts can count. */
+static uint32_t most_rounds(const struct job *j)
+{
+	float most = 1;
+
+	for (int y = 0; y < j->plan.h && j->conf->counts.v; y++)
+		for (int x = 0; x < j->plan.w; x++)
+			most = fmaxf(most, gd_row(j->conf->counts, y)[x]);
+	if (!j->conf->counts.v && j->conf->spp > 0)
+		return (uint32_t)j->conf->spp;
+	return (uint32_t)(GD_RENDER_SAMPLES / most);
+}
+
+/* Rounds while there is time; half of what the rest would take, so that the last is one of few. */
+static void render_for_seconds(struct job *j)
+{
+	const uint32_t most = most_rounds(j);
+	uint32_t rounds = 1;
+
+	while (rounds) {
+		double spent, fit;
+
+		render_rounds(j, rounds, most * j->round);
+		spent = gd_seconds() - j->start;
+		fit = (j->conf->seconds - spent) / spent * j->rounds;
+		rounds = fit >= 2 ? (uint32_t)fmin(fit / 2, most) : fit >= 1;
+		if (rounds > most - j->rounds)
+			rounds = most - j->rounds;
+	}
+}
+
+static double count_samples(const struct gd_plan *plan)
+{
+	double n = 0;
+
+	for (int y = 0; y < plan->h; y++)
+		for (int x = 0; x < plan->w; x++)
+			n += gd_plan_samples(plan, x, y);
+	return n;
+}
+
+int gd_render_samples(struct gd_image *im, gd_render_sample *sample, const void *user,
+		      const struct gd_render_conf *conf, const struct gd_report *report,
+		      struct gd_err *err)
+{
+	struct job j = { .sample = sample, .user = user, .conf = conf, .plan = gd_plan(conf),
+			 .start = gd_seconds(), .report = report };
+	const double cpu = cpu_seconds();
+	int rc = check(&j.plan, err);
+
+	if (rc == GD_OK)
+		rc = check_memory(conf, err);
+	if (rc != GD_OK)
+		return rc;
+	rc = gd_film_begin(&j.film, j.plan.w, j.plan.h, conf->bins, conf->reuse, err);
+	if (rc == GD_OK)
+		rc = gd_film_channels(im, &j.plan, err);
+	if (rc == GD_OK) {
+		j.round = count_samples(&j.plan);
+		if (conf->seconds > 0)
+			render_for_seconds(&j);
+		else
+			render_rounds(&j, 1, j.round);
+		gd_note(report, "%.6g samples, %.4g a second", j.done,
+			j.done / fmax(gd_seconds() - j.start, 1e-9));
+		rc = gd_film_develop(im, &j.film, &j.plan, err);
+	}
+	if (rc == GD_OK)
+		rc = gd_attr_set_number(im, "gd:renderSeconds", cpu_seconds() - cpu, err);
+	gd_film_free(&j.film);
+	if (rc != GD_OK)
+		gd_image_free(im);
+	return rc;
+}
+
+static void trace(const void *user, const struct gd_path_conf *conf, const struct gd_path_in *in,
+		  struct gd_draw *draw, struct gd_path_out *out)
+{
+	gd_path_trace(user, conf, in, draw, out);
+}
+
+int gd_render(struct gd_image *im, const struct gd_scene *scene, const struct gd_render_conf *conf,
+	      const struct gd_report *report, struct gd_err *err)
+{
+	return gd_render_samples(im, trace, scene, conf, report, err);
+}
