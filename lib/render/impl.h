@@ -21,11 +21,31 @@ int gd_light_prepare(struct gd_scene *scene, struct gd_err *err);
 int gd_ray_prepare(struct gd_scene *scene, struct gd_err *err);
 void gd_ray_drop(struct gd_scene *scene);
 
+/* Fills w, h and rgb. */
+int gd_environment_read(struct gd_environment *e, const char *path, const struct gd_report *report,
+			struct gd_err *err);
 /* Sum of luminance x solid angle over all directions. */
 double gd_environment_flux(const struct gd_scene *scene);
 /* A direction drawn from the environment; density without the choice of the light. */
 struct gd_v3 gd_environment_draw(const struct gd_scene *scene, float u, float v);
 float gd_environment_density(const struct gd_scene *scene, struct gd_v3 d);
+
+#define GD_FARTHEST 1e15f	/* metres: products of three coordinates do not overflow */
+
+/* Of length 1; false, and out alone, for a triangle without area (in floats). */
+static inline bool gd_triangle_normal(const struct gd_scene *s, const struct gd_triangle *t,
+				      struct gd_v3 *n)
+{
+	const struct gd_v3 a = s->vertex[t->vertex[0]], b = s->vertex[t->vertex[1]],
+			   c = s->vertex[t->vertex[2]];
+	const struct gd_v3 x = gd_cross(gd_sub(b, a), gd_sub(c, a));
+	const float m = fmaxf(fabsf(x.x), fmaxf(fabsf(x.y), fabsf(x.z)));
+
+	if (!(m > 1e-35f && m < 1e37f))
+		return false;
+	*n = gd_unit(gd_v3(x.x / m, x.y / m, x.z / m));
+	return true;
+}
 
 /* Texture coordinates of a point of a triangle; b: weight of its corners. 0 without any. */
 static inline void gd_uv_at(const struct gd_scene *s, const struct gd_triangle *t, const float b[3],

@@ -112,14 +112,6 @@ static struct gd_v3 mix(const float b[3], struct gd_v3 p, struct gd_v3 q, struct
 	return gd_mad(gd_mad(gd_scale(p, b[0]), b[1], q), b[2], r);
 }
 
-/* Unit length without overflow or underflow of squares; n must not be 0. */
-static struct gd_v3 unit(struct gd_v3 n)
-{
-	const float m = fmaxf(fabsf(n.x), fmaxf(fabsf(n.y), fabsf(n.z)));
-
-	return gd_unit(gd_v3(n.x / m, n.y / m, n.z / m));
-}
-
 static void describe(const struct gd_scene *s, uint32_t triangle, float t, float u, float v,
 		     struct gd_hit *hit)
 {
@@ -133,7 +125,8 @@ static void describe(const struct gd_scene *s, uint32_t triangle, float t, float
 	hit->triangle = triangle;
 	hit->t = t;
 	hit->p = mix(w, a, b, c);
-	hit->ng = unit(gd_cross(gd_sub(b, a), gd_sub(c, a)));
+	hit->ng = gd_v3(0, 0, 1);
+	gd_triangle_normal(s, tri, &hit->ng);
 	n = mix(w, s->normal[k[0]], s->normal[k[1]], s->normal[k[2]]);
 	if (gd_dot(n, n) > 1e-12f)
 		n = gd_unit(n);
