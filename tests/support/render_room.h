@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* A corner of a room with a ball on its floor: what stands and shines in it is chosen. */
+#ifndef RENDER_ROOM_H
+#define RENDER_ROOM_H
+
+#include "render_scene.h"
+
+enum room_light { LAMP = 1, POINT = 2, SPOT = 4, SUN = 8, SKY = 16, MAP = 32 };
+
+struct room {
+	struct gd_material floor, ball;
+	unsigned light;		/* of enum room_light */
+	float lens;
+};
+
+static inline struct gd_scene *room_new(const struct room *r)
+{
+	struct gd_scene *s = scene_new();
+	const uint32_t floor = add_material(s, r->floor), ball = add_material(s, r->ball);
+	const uint32_t wall = add_material(s, tinted(0.7f, 0.7f, 0.6f));
+	const uint32_t red = add_material(s, tinted(0.8f, 0.2f, 0.1f));
+	const bool open = r->light & (SUN | SKY | MAP);
+
+	add_quad(s, gd_v3(-1, 0, 1), gd_v3(2, 0, 0), gd_v3(0, 0, -2), floor);
+	add_quad(s, gd_v3(-1, 0, -1), gd_v3(2, 0, 0), gd_v3(0, 1.5f, 0), wall);
+	add_quad(s, gd_v3(-1, 0, 1), gd_v3(0, 0, -2), gd_v3(0, 1.5f, 0), red);
+	if (!open)
+		add_quad(s, gd_v3(-1, 1.5f, -1), gd_v3(2, 0, 0), gd_v3(0, 0, 2), wall);
+	add_ball(s, gd_v3(0.15f, 0.35f, -0.1f), 0.35f, 10, true, ball);
+	if (r->light & LAMP)
+		add_quad(s, gd_v3(0.1f, 1.4f, -0.5f), gd_v3(0.5f, 0, 0), gd_v3(0, 0, 0.5f),
+			 add_material(s, lamp(6)));
+	if (r->light & POINT)
+		add_point(s, gd_v3(-0.5f, 1.2f, 0.3f), 0.8f);
+	if (r->light & SPOT)
+		add_spot(s, gd_v3(0.8f, 1.3f, 0.6f), gd_v3(0, 0, 0), 0.2f, 0.4f, 2);
+	if (r->light & SUN)
+		add_sun(s, gd_v3(-0.3f, -1, -0.4f), 2);
+	if (r->light & SKY)
+		add_sky(s, 0.5f);
+	if (r->light & MAP)
+		add_sky_map(s, 32);
+	look_at(s, gd_v3(0.3f, 0.9f, 2.2f), gd_v3(0, 0.4f, -0.2f), 0.4f, 16.f / 12);
+	s->view.lens = r->lens;
+	s->view.focus = 2.2f;
+	return finished(s);
+}
+
+#endif
