@@ -181,6 +181,7 @@ options_of_manual() {
 @test "starting takes no more than it must" {
 	for t in $(tools); do
 		if ldd "$bin/$t" | grep -qE 'libasan|libubsan'; then skip "the sanitizers bring their own libraries"; fi
+		[ "$t" != gdrender ] || continue	# Embree and assimp are C++
 		run bash -c "ldd '$bin/$t' | grep -cE 'OpenImageIO|OpenColorIO|stdc'"
 		[ "$output" -eq 0 ]
 	done
