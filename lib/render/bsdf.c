@@ -43,8 +43,8 @@ static inline struct gd_v3 mirrored(struct gd_v3 v, struct gd_v3 r, float r2)
 
 /*
  * The frame that the shortest turn from a fixed frame to n gives. It is continuous but around one
- * direction, which no plane of a model is likely to have: neighbouring points of a flat floor, whose
- * normals differ by rounding, must have nearly the same frame if copies shall be alike.
+ * direction, which no plane of a model is likely to have: neighbouring points of a flat floor,
+ * whose normals differ by rounding, must have nearly the same frame if copies shall be alike.
  * Mirroring at n + z takes z to -n, and x and y to where they belong, without cancellation.
  */
 static struct gd_frame frame_about(struct gd_v3 n)
@@ -394,7 +394,8 @@ static inline bool is_smooth(const struct gd_bsdf *b, enum gd_event event)
 }
 
 /* Value, density and |d i / d h| of the sharp lobes at i, whose half vector is h. */
-static bool sharp_event(const struct gd_bsdf *b, struct gd_v3 o, struct gd_v3 i, struct gd_scatter *s)
+static bool sharp_event(const struct gd_bsdf *b, struct gd_v3 o, struct gd_v3 i,
+			struct gd_scatter *s)
 {
 	const struct gd_v3 h = s->copy;
 	const float oh = at_most(gd_dot(o, h), 1);
@@ -429,11 +430,11 @@ static bool smooth_event(const struct gd_bsdf *b, float oz, struct gd_scatter *s
 static bool complete(const struct gd_bsdf *b, struct gd_scatter *s)
 {
 	const struct gd_v3 o = near_wo(b);
-	struct gd_v3 i;
+	struct gd_v3 i = s->copy;
 
-	if (s->event == GD_ROUGH)
-		i = s->copy;
-	else if (!(s->event == GD_REFLECT ? reflect(o, s->copy, &i) : refract(b->eta, o, s->copy, &i)))
+	if (s->event == GD_REFLECT && !reflect(o, s->copy, &i))
+		return false;
+	if (s->event == GD_TRANSMIT && !refract(b->eta, o, s->copy, &i))
 		return false;
 	s->wi = from_near(b, i);
 	if (!sides_agree(b, s->wi, i.z))

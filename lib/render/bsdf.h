@@ -32,27 +32,27 @@
 #include "render/scene.h"
 
 #define GD_SMOOTH 1e-3f	/* alpha below which a lobe narrower than float angles resolve is a delta */
-#define GD_SHARP 0.05f	/* alpha (about the lobe's half width in radians) below which two neighbouring
+#define GD_SHARP 0.05f	/* alpha (about the lobe's half width in radians) below which neighbouring
 			   pixels see different reflections: joining paths there loses them */
 
 enum gd_event { GD_ROUGH, GD_REFLECT, GD_TRANSMIT };
 
 /* The material at one point, as seen along wo. */
 struct gd_bsdf {
-	struct gd_frame frame;		/* n: shading normal on the geometric normal's side of the surface,
-					   or the geometric normal itself where wo demands it */
+	struct gd_frame frame;		/* n: shading normal on the geometric normal's side, or the
+					   geometric normal itself where wo demands it */
 	struct gd_v3 ng, ns;		/* geometric and shading normal, ns on ng's side */
-	struct gd_v3 wo;		/* towards where the path comes from, in the frame; z < 0: inside */
+	struct gd_v3 wo;		/* where the path comes from, in the frame; z < 0: inside */
 	struct gd_v3 diffuse;		/* albedo of the diffuse lobe, without (1 - D)(1 - D) */
 	struct gd_v3 f0;		/* Schlick colour of the metal: m base */
 	struct gd_v3 pass;		/* (1 - m) t base */
 	float metallic, ior, alpha;
 	float chance[3];		/* of each label, they sum to 1, or to 0 if all is black */
 	float share[3];			/* of diffuse, reflection, transmission inside GD_ROUGH */
-	struct gd_v3 albedo;		/* for G-buffers: the base colour, whatever the lobes, 0 .. 1 */
+	struct gd_v3 albedo;		/* for G-buffers: the base colour of any lobes; 0 .. 1 */
 	float through;			/* alpha of the transmission: alpha, or 0 if ior is 1 */
 	float up;			/* 1 if wo.z > 0, else -1 */
-	float eta;			/* index of the far side of the surface, as seen from wo, over the near */
+	float eta;			/* index of the far side, seen from wo, over the near one */
 	float reflected;		/* D(n.wo) */
 	float slant;			/* sqrt(alpha^2 + (1 - alpha^2) wo.z^2), for masking */
 };
@@ -62,9 +62,9 @@ struct gd_scatter {
 	struct gd_v3 wi;		/* world space, length 1 */
 	struct gd_v3 f;			/* value times |cos(n, wi)|, of the label alone;
 					   smooth: factor of the delta function */
-	float pdf;			/* by solid angle, chance of the label included; smooth: a probability */
+	float pdf;			/* times the chance, by solid angle; smooth: a probability */
 	bool smooth;
-	struct gd_v3 copy;		/* what a copy keeps, in the frame mirrored so that wo.z > 0:
+	struct gd_v3 copy;		/* what copies keep, in the frame mirrored so that wo.z > 0:
 					   GD_ROUGH wi; else the half vector, z > 0 */
 	float dw;			/* |d wi / d copy|, solid angles; 1 if smooth or GD_ROUGH */
 };
