@@ -1,4 +1,10 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Rays through Embree. A ray must not hit the surface on which it starts or ends. Offsets along the
+ * ray alone fail where it grazes the surface, so whatever hit is found is held against the plane of
+ * its triangle: if that goes through the ray's start (or end), as near as floats can tell, it is no
+ * hit, for a ray that starts in a plane does not meet it again.
+ */
 #include "render/scene.h"
 
 #include <embree3/rtcore.h>
@@ -9,7 +15,15 @@
 #include "render/impl.h"
 
 #define MANY 2000000		/* triangles beyond which the best tree takes too long to build */
-#define NEAR 4e-6f		/* of the largest coordinate: 32 roundings of it */
+#define NEAR 4e-6f		/* of the largest coordinate, 64 roundings: rays start so far off; it only
+				   saves tests of planes */
+#define IN_PLANE 1e-6		/* of the largest coordinate, 16 roundings: a point made of three vertices
+				   and weights is nearer to its plane */
+#define TURNS 64		/* hits that one ray may have to pass by: triangles in one plane */
+
+/* Rows of the arrays that a filter gets, N wide: the order of the members of RTCRay and RTCHit. */
+#define RAY_ID (offsetof(struct RTCRay, id) / sizeof(unsigned))
+#define HIT_PRIMITIVE (offsetof(struct RTCHit, primID) / sizeof(unsigned))
 
 struct report {
 	enum RTCError code;
@@ -32,6 +46,50 @@ static int failed(const struct report *r, struct gd_err *err)
 		       r->code == RTC_ERROR_OUT_OF_MEMORY ? "out of memory" : r->text);
 }
 
+static float largest(struct gd_v3 v)
+{
+	return fmaxf(fmaxf(fabsf(v.x), fabsf(v.y)), fabsf(v.z));
+}
+
+/* Does p lie in the plane of a triangle? */
+static bool in_plane(const struct gd_scene *s, uint32_t triangle, struct gd_v3 p)
+{
+	const uint32_t *k = s->triangle[triangle].vertex;
+	const struct gd_v3 a = s->vertex[k[0]], b = s->vertex[k[1]], c = s->vertex[k[2]];
+	const double e[3] = { (double)b.x - a.x, (double)b.y - a.y, (double)b.z - a.z },
+		     f[3] = { (double)c.x - a.x, (double)c.y - a.y, (double)c.z - a.z };
+	const double x = e[1] * f[2] - e[2] * f[1], y = e[2] * f[0] - e[0] * f[2],
+		     z = e[0] * f[1] - e[1] * f[0];
+	const double d = x * ((double)p.x - a.x) + y * ((double)p.y - a.y) +
+			 z * ((double)p.z - a.z);
+	const double most = IN_PLANE * (double)fmaxf(fmaxf(largest(p), largest(a)),
+						     fmaxf(largest(b), largest(c)));
+
+	return d * d <= most * most * (x * x + y * y + z * z);
+}
+
+/* What a shadow ray carries along: Embree hands the context to the filter. */
+struct shadow {
+	struct RTCIntersectContext context;
+	const struct gd_scene *scene;
+	const struct gd_v3 *from, *to;	/* of each ray, by its id; without an end: the start twice */
+};
+
+/* Passes by the surfaces on which a shadow ray starts or ends. */
+static void pass_by(const struct RTCFilterFunctionNArguments *a)
+{
+	const struct shadow *s = (const struct shadow *)a->context;
+
+	for (unsigned i = 0; i < a->N; i++) {
+		const unsigned ray = ((const unsigned *)a->ray)[RAY_ID * a->N + i];
+		const uint32_t triangle = ((const unsigned *)a->hit)[HIT_PRIMITIVE * a->N + i];
+
+		if (a->valid[i] && (in_plane(s->scene, triangle, s->from[ray]) ||
+				    in_plane(s->scene, triangle, s->to[ray])))
+			a->valid[i] = 0;
+	}
+}
+
 static void build(struct gd_scene *s, RTCDevice device, RTCScene rays)
 {
 	const bool many = s->ntriangle > MANY;
@@ -45,6 +103,7 @@ static void build(struct gd_scene *s, RTCDevice device, RTCScene rays)
 				   offsetof(struct gd_triangle, vertex), sizeof(*s->triangle),
 				   s->ntriangle);
 	rtcSetGeometryBuildQuality(g, many ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_HIGH);
+	rtcSetGeometryOccludedFilterFunction(g, pass_by);
 	rtcCommitGeometry(g);
 	rtcAttachGeometry(rays, g);
 	rtcReleaseGeometry(g);
@@ -98,15 +157,6 @@ void gd_ray_drop(struct gd_scene *scene)
 	scene->rays = scene->device = NULL;
 }
 
-/* How far from o a ray starts: more than positions on a surface are inexact. */
-static float start(const struct gd_scene *s, struct gd_v3 o)
-{
-	const float size = fmaxf(fmaxf(s->high.x - s->low.x, s->high.y - s->low.y),
-				 s->high.z - s->low.z);
-
-	return NEAR * fmaxf(0.1f * size, fmaxf(fmaxf(fabsf(o.x), fabsf(o.y)), fabsf(o.z)));
-}
-
 static struct gd_v3 mix(const float b[3], struct gd_v3 p, struct gd_v3 q, struct gd_v3 r)
 {
 	return gd_mad(gd_mad(gd_scale(p, b[0]), b[1], q), b[2], r);
@@ -138,55 +188,59 @@ static void describe(const struct gd_scene *s, uint32_t triangle, float t, float
 	hit->v = uv[1];
 }
 
+/* Where a ray ends, short of the surface there. */
+static float stop(float t)
+{
+	return t * (1 - NEAR);
+}
+
+static void fill4(struct RTCRay4 *r, int valid[4], int k, bool active, struct gd_v3 o,
+		  struct gd_v3 d, float t)
+{
+	valid[k] = active ? -1 : 0;
+	if (!active)
+		return;
+	r->org_x[k] = o.x;
+	r->org_y[k] = o.y;
+	r->org_z[k] = o.z;
+	r->tnear[k] = NEAR * largest(o);
+	r->dir_x[k] = d.x;
+	r->dir_y[k] = d.y;
+	r->dir_z[k] = d.z;
+	r->tfar[k] = stop(t);
+	r->mask[k] = UINT32_MAX;
+	r->id[k] = (unsigned)k;
+}
+
+/* The nearest hit beyond near. */
+static bool trace(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float near,
+		  struct gd_hit *hit)
+{
+	for (int turn = 0; turn < TURNS; turn++) {
+		struct RTCIntersectContext context;
+		struct RTCRayHit r = {
+			.ray = { .org_x = o.x, .org_y = o.y, .org_z = o.z, .tnear = near,
+				 .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = INFINITY,
+				 .mask = UINT32_MAX },
+			.hit = { .geomID = RTC_INVALID_GEOMETRY_ID },
+		};
+
+		rtcInitIntersectContext(&context);
+		rtcIntersect1(scene->rays, &context, &r);
+		if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+			return false;
+		if (!in_plane(scene, r.hit.primID, o)) {
+			describe(scene, r.hit.primID, r.ray.tfar, r.hit.u, r.hit.v, hit);
+			return true;
+		}
+		near = nextafterf(r.ray.tfar * (1 + 2e-7f), INFINITY);
+	}
+	return false;
+}
+
 bool gd_ray_hit(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, struct gd_hit *hit)
 {
-	struct RTCIntersectContext context;
-	struct RTCRayHit r = {
-		.ray = { .org_x = o.x, .org_y = o.y, .org_z = o.z, .tnear = start(scene, o),
-			 .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = INFINITY,
-			 .mask = UINT32_MAX },
-		.hit = { .geomID = RTC_INVALID_GEOMETRY_ID },
-	};
-
-	rtcInitIntersectContext(&context);
-	rtcIntersect1(scene->rays, &context, &r);
-	if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
-		return false;
-	describe(scene, r.hit.primID, r.ray.tfar, r.hit.u, r.hit.v, hit);
-	return true;
-}
-
-bool gd_ray_free(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t)
-{
-	struct RTCIntersectContext context;
-	const float near = start(scene, o);
-	struct RTCRay r = { .org_x = o.x, .org_y = o.y, .org_z = o.z, .tnear = near,
-			    .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = t - 2 * near,
-			    .mask = UINT32_MAX };
-
-	rtcInitIntersectContext(&context);
-	if (r.tfar > r.tnear)
-		rtcOccluded1(scene->rays, &context, &r);
-	return r.tfar >= 0 || t < 4 * near;
-}
-
-static void fill4(const struct gd_scene *s, struct RTCRay4 *r, int valid[4], const struct gd_v3 o[4],
-		  const struct gd_v3 d[4], unsigned active)
-{
-	for (int k = 0; k < 4; k++) {
-		valid[k] = active >> k & 1 ? -1 : 0;
-		if (!valid[k])
-			continue;
-		r->org_x[k] = o[k].x;
-		r->org_y[k] = o[k].y;
-		r->org_z[k] = o[k].z;
-		r->tnear[k] = start(s, o[k]);
-		r->dir_x[k] = d[k].x;
-		r->dir_y[k] = d[k].y;
-		r->dir_z[k] = d[k].z;
-		r->tfar[k] = INFINITY;
-		r->mask[k] = UINT32_MAX;
-	}
+	return trace(scene, o, d, NEAR * largest(o), hit);
 }
 
 unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], const struct gd_v3 d[4],
@@ -197,40 +251,63 @@ unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], cons
 	_Alignas(16) int valid[4];
 	unsigned found = 0;
 
-	fill4(scene, &r.ray, valid, o, d, active);
-	for (int k = 0; k < 4; k++)
+	for (int k = 0; k < 4; k++) {
+		fill4(&r.ray, valid, k, active >> k & 1, o[k], d[k], INFINITY);
 		r.hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
+	}
 	rtcInitIntersectContext(&context);
 	rtcIntersect4(valid, scene->rays, &context, &r);
-	for (int k = 0; k < 4; k++)
-		if (valid[k] && r.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID) {
+	for (int k = 0; k < 4; k++) {
+		bool is_hit = valid[k] && r.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID;
+
+		if (is_hit && in_plane(scene, r.hit.primID[k], o[k]))
+			is_hit = trace(scene, o[k], d[k],
+				       nextafterf(r.ray.tfar[k] * (1 + 2e-7f), INFINITY), &hit[k]);
+		else if (is_hit)
 			describe(scene, r.hit.primID[k], r.ray.tfar[k], r.hit.u[k], r.hit.v[k],
 				 &hit[k]);
-			found |= 1u << k;
-		}
+		found |= (unsigned)is_hit << k;
+	}
 	return found;
+}
+
+bool gd_ray_free(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t)
+{
+	const struct gd_v3 end = isfinite(t) ? gd_mad(o, t, d) : o;
+	struct shadow shadow = { .scene = scene, .from = &o, .to = &end };
+	struct RTCRay r = { .org_x = o.x, .org_y = o.y, .org_z = o.z, .tnear = NEAR * largest(o),
+			    .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = stop(t),
+			    .mask = UINT32_MAX };
+
+	if (!(r.tfar > r.tnear))
+		return true;
+	rtcInitIntersectContext(&shadow.context);
+	rtcOccluded1(scene->rays, &shadow.context, &r);
+	return r.tfar >= 0;
 }
 
 unsigned gd_ray_free4(const struct gd_scene *scene, const struct gd_v3 o[4],
 		      const struct gd_v3 d[4], const float t[4], unsigned active)
 {
-	struct RTCIntersectContext context;
+	struct gd_v3 end[4] = { { 0 } };
+	struct shadow shadow = { .scene = scene, .from = o, .to = end };
 	struct RTCRay4 r = { 0 };
 	_Alignas(16) int valid[4];
-	unsigned free_bits = 0;
+	unsigned found = 0;
 
-	fill4(scene, &r, valid, o, d, active);
 	for (int k = 0; k < 4; k++) {
-		r.tfar[k] = t[k] - 2 * r.tnear[k];
+		if (active >> k & 1)
+			end[k] = isfinite(t[k]) ? gd_mad(o[k], t[k], d[k]) : o[k];
+		fill4(&r, valid, k, active >> k & 1, o[k], d[k], t[k]);
 		if (valid[k] && !(r.tfar[k] > r.tnear[k])) {
 			valid[k] = 0;
-			free_bits |= 1u << k;
+			found |= 1u << k;
 		}
 	}
-	rtcInitIntersectContext(&context);
-	rtcOccluded4(valid, scene->rays, &context, &r);
+	rtcInitIntersectContext(&shadow.context);
+	rtcOccluded4(valid, scene->rays, &shadow.context, &r);
 	for (int k = 0; k < 4; k++)
 		if (valid[k] && r.tfar[k] >= 0)
-			free_bits |= 1u << k;
-	return free_bits;
+			found |= 1u << k;
+	return found;
 }
