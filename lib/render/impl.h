@@ -47,6 +47,19 @@ static inline bool gd_triangle_normal(const struct gd_scene *s, const struct gd_
 	return true;
 }
 
+/* The point a + u (b - a) + v (c - a), rounded once: rays know by that that they start on it. */
+static inline struct gd_v3 gd_point_in(const struct gd_scene *s, const struct gd_triangle *t,
+				       float u, float v)
+{
+	const struct gd_v3 a = s->vertex[t->vertex[0]], b = s->vertex[t->vertex[1]],
+			   c = s->vertex[t->vertex[2]];
+	const double p = (double)u, q = (double)v;
+
+	return gd_v3((float)(a.x + p * ((double)b.x - a.x) + q * ((double)c.x - a.x)),
+		     (float)(a.y + p * ((double)b.y - a.y) + q * ((double)c.y - a.y)),
+		     (float)(a.z + p * ((double)b.z - a.z) + q * ((double)c.z - a.z)));
+}
+
 /* Texture coordinates of a point of a triangle; b: weight of its corners. 0 without any. */
 static inline void gd_uv_at(const struct gd_scene *s, const struct gd_triangle *t, const float b[3],
 			    float uv[2])

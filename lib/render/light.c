@@ -264,11 +264,9 @@ static void point_on(const struct gd_scene *scene, const struct gd_light *l, flo
 {
 	const struct gd_triangle *t = &scene->triangle[l->triangle];
 	const float r = sqrtf(u), b[3] = { 1 - r, r * (1 - v), r * v };
-	const struct gd_v3 *x = scene->vertex;
 	float uv[2];
 
-	s->point = gd_mad(gd_mad(gd_scale(x[t->vertex[0]], b[0]), b[1], x[t->vertex[1]]), b[2],
-			  x[t->vertex[2]]);
+	s->point = gd_point_in(scene, t, b[1], b[2]);
 	cross_length(scene, t, &s->normal);
 	gd_uv_at(scene, t, b, uv);
 	s->radiance = emission_at(scene, &scene->material[t->material], uv[0], uv[1]);

@@ -15,10 +15,10 @@
 #include "render/impl.h"
 
 #define MANY 2000000		/* triangles beyond which the best tree takes too long to build */
-#define NEAR 4e-6f		/* of the largest coordinate, 64 roundings: rays start so far off; it only
-				   saves tests of planes */
-#define IN_PLANE 1e-6		/* of the largest coordinate, 16 roundings: a point made of three vertices
-				   and weights is nearer to its plane */
+#define NEAR 0x1p-22f		/* of the largest coordinate: rays start so far off; it only saves tests of
+				   planes */
+#define START 0x1p-23		/* points on surfaces are rounded once: 2^-24 of each coordinate */
+#define END 0x1p-21		/* of distance and coordinates: d and t were rounded, too */
 #define TURNS 64		/* hits that one ray may have to pass by: triangles in one plane */
 
 /* Rows of the arrays that a filter gets, N wide: the order of the members of RTCRay and RTCHit. */
@@ -51,8 +51,12 @@ static float largest(struct gd_v3 v)
 	return fmaxf(fmaxf(fabsf(v.x), fabsf(v.y)), fabsf(v.z));
 }
 
-/* Does p lie in the plane of a triangle? */
-static bool in_plane(const struct gd_scene *s, uint32_t triangle, struct gd_v3 p)
+/*
+ * Does p lie in the plane of a triangle? p is exact to the share each of its coordinates, and to
+ * most in all directions.
+ */
+static bool in_plane(const struct gd_scene *s, uint32_t triangle, struct gd_v3 p, double share,
+		     double most)
 {
 	const uint32_t *k = s->triangle[triangle].vertex;
 	const struct gd_v3 a = s->vertex[k[0]], b = s->vertex[k[1]], c = s->vertex[k[2]];
@@ -62,17 +66,17 @@ static bool in_plane(const struct gd_scene *s, uint32_t triangle, struct gd_v3 p
 		     z = e[0] * f[1] - e[1] * f[0];
 	const double d = x * ((double)p.x - a.x) + y * ((double)p.y - a.y) +
 			 z * ((double)p.z - a.z);
-	const double most = IN_PLANE * (double)fmaxf(fmaxf(largest(p), largest(a)),
-						     fmaxf(largest(b), largest(c)));
+	const double slack = fabs(x * (double)p.x) + fabs(y * (double)p.y) + fabs(z * (double)p.z);
 
-	return d * d <= most * most * (x * x + y * y + z * z);
+	return fabs(d) <= share * slack + most * (fabs(x) + fabs(y) + fabs(z));
 }
 
 /* What a shadow ray carries along: Embree hands the context to the filter. */
 struct shadow {
 	struct RTCIntersectContext context;
 	const struct gd_scene *scene;
-	const struct gd_v3 *from, *to;	/* of each ray, by its id; without an end: the start twice */
+	const struct gd_v3 *from, *to;	/* of each ray, by its id */
+	const float *t;			/* INFINITY: it has no end */
 };
 
 /* Passes by the surfaces on which a shadow ray starts or ends. */
@@ -82,10 +86,12 @@ static void pass_by(const struct RTCFilterFunctionNArguments *a)
 
 	for (unsigned i = 0; i < a->N; i++) {
 		const unsigned ray = ((const unsigned *)a->ray)[RAY_ID * a->N + i];
+		const float t = s->t[ray];
 		const uint32_t triangle = ((const unsigned *)a->hit)[HIT_PRIMITIVE * a->N + i];
 
-		if (a->valid[i] && (in_plane(s->scene, triangle, s->from[ray]) ||
-				    in_plane(s->scene, triangle, s->to[ray])))
+		if (a->valid[i] && (in_plane(s->scene, triangle, s->from[ray], START, 0) ||
+				    (isfinite(t) && in_plane(s->scene, triangle, s->to[ray], END,
+							     END * (double)t))))
 			a->valid[i] = 0;
 	}
 }
@@ -167,14 +173,13 @@ static void describe(const struct gd_scene *s, uint32_t triangle, float t, float
 {
 	const struct gd_triangle *tri = &s->triangle[triangle];
 	const uint32_t *k = tri->vertex;
-	const struct gd_v3 a = s->vertex[k[0]], b = s->vertex[k[1]], c = s->vertex[k[2]];
 	const float w[3] = { 1 - u - v, u, v };
 	float uv[2];
 	struct gd_v3 n;
 
 	hit->triangle = triangle;
 	hit->t = t;
-	hit->p = mix(w, a, b, c);
+	hit->p = gd_point_in(s, tri, u, v);
 	hit->ng = gd_v3(0, 0, 1);
 	gd_triangle_normal(s, tri, &hit->ng);
 	n = mix(w, s->normal[k[0]], s->normal[k[1]], s->normal[k[2]]);
@@ -229,7 +234,7 @@ static bool trace(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, 
 		rtcIntersect1(scene->rays, &context, &r);
 		if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
 			return false;
-		if (!in_plane(scene, r.hit.primID, o)) {
+		if (!in_plane(scene, r.hit.primID, o, START, 0)) {
 			describe(scene, r.hit.primID, r.ray.tfar, r.hit.u, r.hit.v, hit);
 			return true;
 		}
@@ -260,7 +265,7 @@ unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], cons
 	for (int k = 0; k < 4; k++) {
 		bool is_hit = valid[k] && r.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID;
 
-		if (is_hit && in_plane(scene, r.hit.primID[k], o[k]))
+		if (is_hit && in_plane(scene, r.hit.primID[k], o[k], START, 0))
 			is_hit = trace(scene, o[k], d[k],
 				       nextafterf(r.ray.tfar[k] * (1 + 2e-7f), INFINITY), &hit[k]);
 		else if (is_hit)
@@ -273,8 +278,8 @@ unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], cons
 
 bool gd_ray_free(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t)
 {
-	const struct gd_v3 end = isfinite(t) ? gd_mad(o, t, d) : o;
-	struct shadow shadow = { .scene = scene, .from = &o, .to = &end };
+	const struct gd_v3 end = gd_mad(o, t, d);
+	struct shadow shadow = { .scene = scene, .from = &o, .to = &end, .t = &t };
 	struct RTCRay r = { .org_x = o.x, .org_y = o.y, .org_z = o.z, .tnear = NEAR * largest(o),
 			    .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = stop(t),
 			    .mask = UINT32_MAX };
@@ -290,14 +295,14 @@ unsigned gd_ray_free4(const struct gd_scene *scene, const struct gd_v3 o[4],
 		      const struct gd_v3 d[4], const float t[4], unsigned active)
 {
 	struct gd_v3 end[4] = { { 0 } };
-	struct shadow shadow = { .scene = scene, .from = o, .to = end };
+	struct shadow shadow = { .scene = scene, .from = o, .to = end, .t = t };
 	struct RTCRay4 r = { 0 };
 	_Alignas(16) int valid[4];
 	unsigned found = 0;
 
 	for (int k = 0; k < 4; k++) {
 		if (active >> k & 1)
-			end[k] = isfinite(t[k]) ? gd_mad(o[k], t[k], d[k]) : o[k];
+			end[k] = gd_mad(o[k], t[k], d[k]);
 		fill4(&r, valid, k, active >> k & 1, o[k], d[k], t[k]);
 		if (valid[k] && !(r.tfar[k] > r.tnear[k])) {
 			valid[k] = 0;
