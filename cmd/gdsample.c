@@ -12,6 +12,9 @@
 #include "show.h"
 #include "spending.h"
 
+#define CLOSE	0.002	/* of the budget: what a map with gradients may miss it by */
+#define ROUNDS	8	/* most maps that are tried for that; 3 are usual */
+
 struct options {
 	double spp, total, samples, floor, blur, dimension, cost;
 	int min, max, multiple;
@@ -150,7 +153,7 @@ static void tell(struct gd_cli *cli, const struct gd_sampling_conf *conf,
 /* ---- gradients ---- */
 
 static void tell_gradients(struct gd_cli *cli, const struct gd_spending_conf *conf,
-			   const struct gd_spending_result *r, double cost)
+			   const struct gd_spending_result *r)
 {
 	gd_note(&cli->report, "gradients change the relative error by %+.0f %%, at %g times the "
 		"cost", 100 * r->change, conf->cost);
@@ -161,31 +164,17 @@ static void tell_gradients(struct gd_cli *cli, const struct gd_spending_conf *co
 	gd_cli_stat(cli, "gradients_change", r->change);
 	gd_cli_stat(cli, "gradients_gain", r->gain);
 	gd_cli_stat(cli, "gradients_everywhere", r->everywhere);
-	gd_cli_stat(cli, "cost", cost);
-}
-
-/* What the map costs, in plain samples. */
-static double cost_of(struct gd_plane map, struct gd_plane share, double cost)
-{
-	double sum = 0;
-
-	for (int y = 0; y < map.h; y++)
-		for (int x = 0; x < map.w; x++)
-			sum += (double)gd_row(map, y)[x] *
-			       (1 + (double)gd_row(share, y)[x] * (cost - 1));
-	return sum;
 }
 
 /* Adds the channel gradients, from the buffer that --gradients names. */
-static int add_gradients(struct gd_cli *cli, struct gd_image *im, struct gd_plane map,
+static int add_gradients(struct gd_cli *cli, struct gd_image *im, struct gd_plane *share,
 			 const struct options *opt, struct gd_err *err)
 {
 	struct gd_spending_conf conf = GD_SPENDING_DEFAULTS;
 	struct gd_spending_result result;
 	struct gd_image buffer = { 0 };
 	struct gd_exr *file = NULL;
-	struct gd_plane share;
-	int rc = gd_image_add(im, "gradients", &share, err);
+	int rc = gd_image_add(im, "gradients", share, err);
 
 	conf.cost = opt->cost;
 	conf.dimension = opt->dimension;
@@ -199,13 +188,57 @@ static int add_gradients(struct gd_cli *cli, struct gd_image *im, struct gd_plan
 	else
 		gd_exr_close(file);
 	if (rc == GD_OK)
-		rc = gd_spending_map(share, &buffer, &conf, &result, &cli->report, err);
+		rc = gd_spending_map(*share, &buffer, &conf, &result, &cli->report, err);
 	if (rc == GD_OK) {
-		tell_gradients(cli, &conf, &result, cost_of(map, share, conf.cost));
+		tell_gradients(cli, &conf, &result);
 		cli->about = NULL;
 	}
 	gd_image_free(&buffer);
 	return rc;
+}
+
+/* What a map costs, in plain samples. */
+static double cost_of(struct gd_plane map, struct gd_plane share, double cost)
+{
+	double sum = 0;
+
+	for (int y = 0; y < map.h; y++)
+		for (int x = 0; x < map.w; x++)
+			sum += (double)gd_row(map, y)[x] *
+			       (1 + (double)gd_row(share, y)[x] * (cost - 1));
+	return sum;
+}
+
+/* Fewer samples, as some cost more, until what they cost is the budget. */
+static int fit_budget(struct gd_plane map, const struct gd_sampling_in *in,
+		      struct gd_sampling_conf *conf, struct gd_plane share, double each,
+		      struct gd_sampling_result *result, double *cost, struct gd_err *err)
+{
+	const double budget = conf->total, unit = conf->multiple;
+	int rc = GD_OK;
+
+	for (int i = 0; i < ROUNDS && rc == GD_OK; i++) {
+		rc = gd_sampling_map(map, in, conf, result, err);
+		*cost = cost_of(map, share, each);
+		if (rc != GD_OK || fabs(*cost - budget) <= CLOSE * budget || i == ROUNDS - 1)
+			break;
+		conf->total = fmax(unit * round(conf->total * budget / *cost / unit), unit);
+	}
+	return rc;
+}
+
+/* ---- all of it ---- */
+
+static int set_budget(struct gd_sampling_conf *conf, const struct gd_image *im,
+		      const struct options *opt, struct gd_err *err)
+{
+	conf->total = opt->multiple * round(opt->spp / opt->multiple * im->w * im->h);
+	if (opt->total > 0)
+		conf->total = opt->total;
+	if (!(conf->total > 0))
+		return gd_fail(err, GD_EARG, "--spp %g: rounded to a multiple of %d, no sample in "
+			       "all %d x %d pixels", opt->spp, opt->multiple, im->w, im->h);
+	return GD_OK;
 }
 
 static int run(struct gd_cli *cli, struct gd_image *im, struct gd_sampling_conf *conf,
@@ -213,29 +246,30 @@ static int run(struct gd_cli *cli, struct gd_image *im, struct gd_sampling_conf 
 {
 	struct gd_sampling_result result;
 	struct gd_sampling_in in = { .n = 3 };
-	struct gd_plane map;
+	struct gd_plane map, share = { 0 };
+	double cost = 0;
 	int rc = load(cli, im, err);
 
 	if (rc == GD_OK)
 		rc = gd_image_add(im, "sampling", &map, err);
+	if (rc == GD_OK && opt->gradients)
+		rc = add_gradients(cli, im, &share, opt, err);
 	if (rc != GD_OK)
 		return rc;
 	gd_layer_planes(im, "", in.colour);
 	gd_layer_planes(im, "error", in.error);
 	find_samples(&in, cli, im, opt);
-	conf->total = opt->multiple * round(opt->spp / opt->multiple * im->w * im->h);
-	if (opt->total > 0)
-		conf->total = opt->total;
-	if (!(conf->total > 0))
-		return gd_fail(err, GD_EARG, "--spp %g: rounded to a multiple of %d, no sample in "
-			       "all %d x %d pixels", opt->spp, opt->multiple, im->w, im->h);
-	rc = gd_sampling_map(map, &in, conf, &result, err);
+	rc = set_budget(conf, im, opt, err);
+	if (rc == GD_OK && opt->gradients) {
+		rc = fit_budget(map, &in, conf, share, opt->cost, &result, &cost, err);
+		gd_cli_stat(cli, "cost", cost);
+	} else if (rc == GD_OK) {
+		rc = gd_sampling_map(map, &in, conf, &result, err);
+	}
 	if (rc != GD_OK)
 		return rc;
 	tell(cli, conf, &result);
-	rc = opt->gradients ? add_gradients(cli, im, map, opt, err) : GD_OK;
-	if (rc == GD_OK && opt->png)
-		rc = draw(map, opt->png, err);
+	rc = opt->png ? draw(map, opt->png, err) : GD_OK;
 	return rc == GD_OK ? gd_cli_write(cli, im, err) : rc;
 }
 

@@ -1,0 +1,131 @@
+#!/bin/bash
+# SPDX-License-Identifier: BSD-3-Clause
+# Renders a scene in passes, each where the one before says that samples help, and denoises it.
+#	adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
+# The first pass is even and traces gradients with every sample. Then, until all passes are done:
+#	gdmerge pass*.exr | gdfeature | gdapr		what all samples say so far, and its error
+#	gdsample --gradients				where the next ones go, and which trace gradients
+#	gdrender --sampling --gradients			the next pass, of another seed
+# Where gradients turn out not to pay at all, later passes do without them, and so does the result.
+set -euo pipefail
+export OMP_WAIT_POLICY=${OMP_WAIT_POLICY:-passive}
+
+usage() {
+	cat <<'END'
+usage: adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
+  -n SPP      samples a pixel in each pass, in the mean (8)
+  -p PASSES   passes in all, 1 to 99 (3)
+  -g WHAT     gradients: where they pay (auto), with every sample (all), or never (none)
+  -u          uniform: every pass is even
+  -f SPP      samples a pixel in the first pass (as the others)
+  -d TOOL     denoiser of the result: gdapr or gdlwr (gdapr)
+  -b BINS     bins of a pass, 4 to 64 (8)
+  -c COST     of a sample with gradients, in plain ones (2)
+  -s SEED     of the first pass; each pass adds one (1)
+  -k DIR      keep passes, maps and figures in DIR, and take passes that are there already
+  -q          no progress
+  -h          this text
+END
+}
+
+fail() { echo "adaptive.sh: $*" >&2; exit 2; }
+
+spp=8 passes=3 gradients=auto uniform="" first="" denoiser=gdapr bins=8 cost=2 seed=1 keep="" quiet=""
+while getopts n:p:g:uf:d:b:c:s:k:qh o; do
+	case $o in
+	n) spp=$OPTARG ;;
+	p) passes=$OPTARG ;;
+	g) gradients=$OPTARG ;;
+	u) uniform=yes ;;
+	f) first=$OPTARG ;;
+	d) denoiser=$OPTARG ;;
+	b) bins=$OPTARG ;;
+	c) cost=$OPTARG ;;
+	s) seed=$OPTARG ;;
+	k) keep=$OPTARG ;;
+	q) quiet=-q ;;
+	h) usage; exit 0 ;;
+	*) usage >&2; exit 2 ;;
+	esac
+done
+shift $((OPTIND - 1))
+[ $# -ge 2 ] || { usage >&2; exit 2; }
+scene=$1 out=$2
+shift 2
+[ "${1:-}" = -- ] && shift
+more=("$@")
+[[ $passes =~ ^[1-9][0-9]?$ ]] || fail "-p $passes: expected 1 to 99"
+[[ $gradients =~ ^(auto|all|none)$ ]] || fail "-g $gradients: expected auto, all or none"
+[[ $denoiser =~ ^(gdapr|gdlwr)$ ]] || fail "-d $denoiser: expected gdapr or gdlwr"
+for tool in gdrender gdmerge gdfeature gdapr gdsample "$denoiser"; do
+	command -v "$tool" >/dev/null || fail "$tool: not found; is it built, and its directory in PATH?"
+done
+[ -r "$scene" ] || fail "$scene: cannot be read"
+
+dir=$keep
+if [ -n "$keep" ]; then
+	mkdir -p "$keep"
+else
+	dir=$(mktemp -d)
+	trap 'rm -rf "$dir"' EXIT
+fi
+
+tell() { [ -n "$quiet" ] || echo "$*" >&2; }
+
+# A stage between two others: EXR through memory or a fast disk, not packed.
+between=(--compression none)
+
+# What is known from all passes so far, denoised by a tool.
+denoise() {	# TOOL OUT OPTIONS...
+	local tool=$1 to=$2
+	shift 2
+	if [ "$gradients" = none ]; then
+		"$tool" -q "$dir/all.exr" -o "$to" "$@"
+	else
+		gdfeature -q "$dir/all.exr" "${between[@]}" | "$tool" -q - -o "$to" "$@"
+	fi
+}
+
+# A figure of a --stats file.
+figure() { sed -E "s/.*\"$2\": ([^,}]*).*/\\1/" "$1"; }
+
+# The next pass: how many samples where, and which of them trace gradients.
+plan() {
+	local map=(--spp "$spp" --multiple 2) share
+	denoise gdapr "$dir/clean.exr" "${between[@]}"
+	[ "$gradients" = auto ] && map+=(--gradients "$dir/all.exr" --gradient-cost "$cost")
+	gdsample -q "${map[@]}" --stats "$dir/plan.json" "$dir/clean.exr" -o "$dir/map.exr"
+	render=(--sampling "$dir/map.exr" --gradients 1)
+	if [ "$gradients" = auto ]; then
+		share=$(figure "$dir/plan.json" gradients)
+		render=(--sampling "$dir/map.exr" --gradients "$dir/map.exr")
+		tell "gradients for $(awk -v s="$share" 'BEGIN { printf "%.0f %%", 100 * s }') of the pixels"
+		if awk -v s="$share" 'BEGIN { exit !(s < 0.01) }'; then
+			tell "gradients do not pay here: none from now on"
+			gradients=none
+		fi
+	fi
+	[ "$gradients" = none ] && render=(--sampling "$dir/map.exr" --gradients 0)
+	[ -n "$uniform" ] && render=(--spp "$spp" "${render[@]:2}")
+	return 0
+}
+
+for ((i = 1; i <= passes; i++)); do
+	pass=$dir/pass$i.exr
+	render=(--spp "${first:-$spp}")
+	if ((i > 1)); then
+		if [ -n "$uniform" ] && [ "$gradients" != auto ]; then
+			render[1]=$spp
+		else
+			plan
+		fi
+	fi
+	if [ -z "$keep" ] || [ ! -f "$pass" ]; then
+		tell "pass $i of $passes"
+		gdrender $quiet --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${more[@]}" "$scene" "$pass"
+	fi
+	inputs=()
+	for ((k = 1; k <= i; k++)); do inputs+=("$dir/pass$k.exr"); done
+	gdmerge -q "${inputs[@]}" -o "$dir/all.exr" "${between[@]}"
+done
+denoise "$denoiser" "$out"
