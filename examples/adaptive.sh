@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Renders a scene in passes, each where the one before says that samples help, and denoises it.
 #	adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
-# The first pass is even and traces gradients with every sample. Then, until all passes are done:
+# Passes cost as much as so many plain samples a pixel; one that traces gradients costs two. The first pass is
+# even and traces gradients with every sample. Then, until all passes are done:
 #	gdmerge pass*.exr | gdfeature | gdapr		what all samples say so far, and its error
 #	gdsample --gradients				where the next ones go, and which trace gradients
 #	gdrender --sampling --gradients			the next pass, of another seed
@@ -13,11 +14,11 @@ export OMP_WAIT_POLICY=${OMP_WAIT_POLICY:-passive}
 usage() {
 	cat <<'END'
 usage: adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
-  -n SPP      samples a pixel in each pass, in the mean (8)
+  -n SPP      what each pass costs, in plain samples a pixel (16)
   -p PASSES   passes in all, 1 to 99 (3)
   -g WHAT     gradients: where they pay (auto), with every sample (all), or never (none)
   -u          uniform: every pass is even
-  -f SPP      samples a pixel in the first pass (as the others)
+  -f SPP      the same of the first pass (as the others)
   -d TOOL     denoiser of the result: gdapr or gdlwr (gdapr)
   -b BINS     bins of a pass, 4 to 64 (8)
   -c COST     of a sample with gradients, in plain ones (2)
@@ -30,7 +31,7 @@ END
 
 fail() { echo "adaptive.sh: $*" >&2; exit 2; }
 
-spp=8 passes=3 gradients=auto uniform="" first="" denoiser=gdapr bins=8 cost=2 seed=1 keep="" quiet=""
+spp=16 passes=3 gradients=auto uniform="" first="" denoiser=gdapr bins=8 cost=2 seed=1 keep="" quiet=""
 while getopts n:p:g:uf:d:b:c:s:k:qh o; do
 	case $o in
 	n) spp=$OPTARG ;;
@@ -89,40 +90,47 @@ denoise() {	# TOOL OUT OPTIONS...
 # A figure of a --stats file.
 figure() { sed -E "s/.*\"$2\": ([^,}]*).*/\\1/" "$1"; }
 
+# So many samples a pixel, all with gradients or none.
+even() {
+	local n=$1 with=1
+	[ "$gradients" = none ] && with=0
+	[ $with = 1 ] && n=$(awk -v n="$n" -v c="$cost" 'BEGIN { n = int(n / c + 0.5); print (n > 1 ? n : 1) }')
+	render=(--spp "$n" --gradients "$with")
+}
+
 # The next pass: how many samples where, and which of them trace gradients.
 plan() {
-	local map=(--spp "$spp" --multiple 2) share
+	local map=(--spp "$spp" --multiple 2 --gradient-cost "$cost") share
+	[ "$gradients" = all ] && map[1]=$(awk -v n="$spp" -v c="$cost" 'BEGIN { print n / c }')
+	[ "$gradients" = auto ] && map+=(--gradients "$dir/all.exr")
+	[ -n "$uniform" ] && map+=(--floor 1)
 	denoise gdapr "$dir/clean.exr" "${between[@]}"
-	[ "$gradients" = auto ] && map+=(--gradients "$dir/all.exr" --gradient-cost "$cost")
-	gdsample -q "${map[@]}" --stats "$dir/plan.json" "$dir/clean.exr" -o "$dir/map.exr"
-	render=(--sampling "$dir/map.exr" --gradients 1)
+	gdsample -q "${map[@]}" --stats "$dir/plan$i.json" "$dir/clean.exr" -o "$dir/map$i.exr"
+	render=(--sampling "$dir/map$i.exr" --gradients 1)
 	if [ "$gradients" = auto ]; then
-		share=$(figure "$dir/plan.json" gradients)
-		render=(--sampling "$dir/map.exr" --gradients "$dir/map.exr")
+		share=$(figure "$dir/plan$i.json" gradients)
+		render[3]=$dir/map$i.exr
 		tell "gradients for $(awk -v s="$share" 'BEGIN { printf "%.0f %%", 100 * s }') of the pixels"
-		if awk -v s="$share" 'BEGIN { exit !(s < 0.01) }'; then
+		if awk -v s="$share" 'BEGIN { exit !(s < 0.02) }'; then
 			tell "gradients do not pay here: none from now on"
 			gradients=none
 		fi
 	fi
-	[ "$gradients" = none ] && render=(--sampling "$dir/map.exr" --gradients 0)
-	[ -n "$uniform" ] && render=(--spp "$spp" "${render[@]:2}")
-	return 0
+	if [ "$gradients" = none ]; then render[3]=0; fi
 }
 
 for ((i = 1; i <= passes; i++)); do
 	pass=$dir/pass$i.exr
-	render=(--spp "${first:-$spp}")
-	if ((i > 1)); then
-		if [ -n "$uniform" ] && [ "$gradients" != auto ]; then
-			render[1]=$spp
-		else
-			plan
-		fi
+	if ((i == 1)); then
+		even "${first:-$spp}"
+	elif [ -n "$uniform" ] && [ "$gradients" != auto ]; then
+		even "$spp"
+	else
+		plan
 	fi
 	if [ -z "$keep" ] || [ ! -f "$pass" ]; then
 		tell "pass $i of $passes"
-		gdrender $quiet --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${more[@]}" "$scene" "$pass"
+		gdrender -q --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${more[@]}" "$scene" "$pass"
 	fi
 	inputs=()
 	for ((k = 1; k <= i; k++)); do inputs+=("$dir/pass$k.exr"); done
