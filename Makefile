@@ -131,7 +131,7 @@ lint:
 	@for h in lib/*.h lib/render/*.h; do echo "#include \"$${h#lib/}\"" | \
 		$(CC) $(OWN) -x c -fsyntax-only - || { echo "$$h does not stand alone"; exit 1; }; done
 	@mandoc -T lint -W warning man/*.[157]
-	@shellcheck -x .ci/run tests/run $(wildcard tests/bench/*.sh tests/support/*.sh tests/*.sh)
+	@shellcheck -x .ci/run tests/run $(wildcard tests/bench/*.sh tests/support/*.sh tests/*.sh examples/*.sh)
 	@echo "lint: nothing to say"
 
 # What make knows of libraries dates from before deps installed them: hence the second make.
@@ -148,6 +148,16 @@ scenes: $(O)/tests/support/mkscenes
 # Hours; goes on where it was stopped. SCENES="kitchen door": these alone.
 references: core
 	@tests/references.sh $(B) testdata/scenes build/references $(SCENES)
+
+# Adaptive rendering of one scene of testdata/scenes; LOOP: options of examples/adaptive.sh.
+SCENE ?= kitchen
+LOOP ?=
+LOOP_SIZE ?= 320x240
+loop: core
+	@mkdir -p build/loop
+	@PATH="$(abspath $(B)):$$PATH" examples/adaptive.sh $(LOOP) testdata/scenes/$(SCENE).gltf build/loop/$(SCENE).exr -- \
+		--size $(LOOP_SIZE) $$(cat testdata/scenes/$(SCENE).args)
+	@echo "build/loop/$(SCENE).exr: look at it with $(B)/gdshow build/loop/$(SCENE).exr $(SCENE).png"
 
 bench: all $(BENCHES) $(SUPPORT)
 	@$(MAKE) --no-print-directory -C tests/bench OBJ=$(abspath $(O)/tests) BIN=$(abspath $(B)) DATA=$(abspath $(or $(DATA),testdata)) \
@@ -194,10 +204,11 @@ help:
 	@echo 'make bench      speed, and speed against error, into build/bench/ (DATA=dir: of the scenes there)'
 	@echo 'make scenes     writes the scenes of testdata again, after a change to their generator'
 	@echo 'make references references of the scenes into build/references: hours, resumable (SCENES REF_SIZE REF_PASSES REF_SPP)'
+	@echo 'make loop       renders a scene in passes, each where the one before says (SCENE LOOP LOOP_SIZE)'
 	@echo 'make lint       headers, manuals, scripts'
 	@echo 'make install uninstall PREFIX=/usr/local DESTDIR='
 	@echo 'Variables: CC CFLAGS LDFLAGS CXX CXXFLAGS SAN=address,undefined O=objects B=binaries'
 
-.PHONY: all core plugin tests test check lint demo scenes references bench deps install uninstall clean help
+.PHONY: all core plugin tests test check lint demo loop scenes references bench deps install uninstall clean help
 .SECONDARY:
 -include $(shell find $(O) -name '*.d' 2>/dev/null)

@@ -130,7 +130,7 @@ for ((i = 1; i <= passes; i++)); do
 	fi
 	if [ -z "$keep" ] || [ ! -f "$pass" ]; then
 		tell "pass $i of $passes"
-		gdrender -q --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${more[@]}" "$scene" "$pass"
+		gdrender -q "${between[@]}" --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${more[@]}" "$scene" "$pass"
 	fi
 	inputs=()
 	for ((k = 1; k <= i; k++)); do inputs+=("$dir/pass$k.exr"); done
