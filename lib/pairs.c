@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "pairs.h"
 
-#include <float.h>
+#include <limits.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -17,6 +17,9 @@
 #define TAU_DEPTH 0.01f
 #define NOISE 4		/* times the expected squared distance of two equal pixels: of normal noise, 1 % (three
 			   components) to 5 % (one) of the pairs are beyond */
+#define LIMIT -200.0f	/* log affinity; a squared distance of 0.02. About there a gradient's variance reaches that of
+			   the colours themselves */
+#define ENOUGH 25	/* pixels, 1 / alpha^2 of the screened problem: more would not share their colours anyway */
 #define TAIL 0.001	/* share of values that may lie beyond a feature's range, at either end */
 #define FAR 1e20f	/* some renderers write such a depth where nothing was hit */
 #define UNLIKE -16.0f	/* noise of a pixel that is like no other: distances are 3 at most */
@@ -225,8 +228,9 @@ static void key_row(uint16_t *key, const struct gd_look *looks, int w, int h, in
 		}
 }
 
-/* Edges are numbered pixel by pixel. The counting sort is stable, and is fed the near ones first. */
-static size_t sort_edges(uint32_t *edge, const uint16_t *key, size_t pixels)
+/* Edges are numbered pixel by pixel. The counting sort is stable, and is fed the near ones first. alike: the
+ * number of those within LIMIT. */
+static size_t sort_edges(uint32_t *edge, const uint16_t *key, size_t pixels, size_t *alike)
 {
 	size_t start[KEYS + 1] = { 0 };
 
@@ -243,33 +247,106 @@ static size_t sort_edges(uint32_t *edge, const uint16_t *key, size_t pixels)
 				if (key[i] != NO_EDGE)
 					edge[start[key[i]]++] = (uint32_t)i;
 			}
+	*alike = start[key_of(LIMIT)];
 	return start[KEYS - 1];
 }
 
-static void put(const struct gd_pairs *pairs, size_t p, const signed char *d)
-{
-	int k = 0;
+struct choice {
+	const struct gd_pairs *pairs;
+	unsigned char *degree;
+	bool *settled;		/* pixels known to be in a part that is not small */
+	int *part;		/* union-find: the pixel above, or minus the size of a part at its root */
+	int small;		/* parts of fewer than ENOUGH */
+};
 
-	while (pairs->dx[k][p] || pairs->dy[k][p])
-		k++;
-	pairs->dx[k][p] = d[0];
-	pairs->dy[k][p] = d[1];
+static int root_of(int *part, int i)
+{
+	while (part[i] >= 0) {
+		if (part[part[i]] >= 0)
+			part[i] = part[part[i]];
+		i = part[i];
+	}
+	return i;
 }
 
-static void take(const struct gd_pairs *pairs, const uint32_t *edge, size_t n,
-		 unsigned char *degree)
+/* True if that makes one part of two, of which one was too small. */
+static bool joins(struct choice *c, int p, int q)
 {
-	for (size_t i = 0; i < n; i++) {
-		const signed char *d = gd_pair_offset[edge[i] % GD_PAIR_OFFSETS];
-		const size_t p = edge[i] / GD_PAIR_OFFSETS;
-		const size_t q = p + (size_t)(d[1] * (ptrdiff_t)pairs->w + d[0]);
+	int *part = c->part, a, b;
 
-		if (degree[p] < GD_PAIRS && degree[q] < GD_PAIRS) {
-			degree[p]++;
-			degree[q]++;
-			put(pairs, p, d);
-		}
+	if (c->settled[p] && c->settled[q])
+		return false;
+	a = root_of(part, p);
+	b = root_of(part, q);
+	c->settled[p] = part[a] <= -ENOUGH;
+	c->settled[q] = part[b] <= -ENOUGH;
+	if (a == b || (c->settled[p] && c->settled[q]))
+		return false;
+	if (part[a] > part[b]) {
+		const int t = a;
+
+		a = b;
+		b = t;
 	}
+	c->small -= part[b] > -ENOUGH;
+	c->small -= part[a] > -ENOUGH && part[a] + part[b] <= -ENOUGH;
+	part[a] += part[b];
+	part[b] = a;
+	return true;
+}
+
+static bool present(const struct gd_pairs *pairs, int p, const signed char *d)
+{
+	for (int k = 0; k < GD_PAIRS; k++)
+		if (pairs->dx[k][p] == d[0] && pairs->dy[k][p] == d[1])
+			return true;
+	return false;
+}
+
+/* The edge, if both of its ends have room, and if it joins parts where it has to. */
+static void take(struct choice *c, uint32_t edge, bool join)
+{
+	const signed char *d = gd_pair_offset[edge % GD_PAIR_OFFSETS];
+	const int p = (int)(edge / GD_PAIR_OFFSETS), q = p + d[1] * c->pairs->w + d[0];
+	int k = 0;
+
+	if (c->degree[p] >= GD_PAIRS || c->degree[q] >= GD_PAIRS ||
+	    (join ? !joins(c, p, q) : present(c->pairs, p, d)))
+		return;
+	c->degree[p]++;
+	c->degree[q]++;
+	while (c->pairs->dx[k][p] || c->pairs->dy[k][p])
+		k++;
+	c->pairs->dx[k][p] = d[0];
+	c->pairs->dy[k][p] = d[1];
+}
+
+/*
+ * First the edges of falling affinity that save a part from being too small, however unlike its ends; then
+ * all others that are alike enough. Without the first, textures leave islands of five pixels, each
+ * with its four edges inside. Without the limit, pixels along an edge of the image whose like have no room
+ * left are compared with anything.
+ */
+static int take_all(const struct gd_pairs *pairs, const uint32_t *edge, size_t n, size_t alike,
+		    struct gd_err *err)
+{
+	const size_t pixels = (size_t)pairs->w * (size_t)pairs->h;
+	struct choice c = { pairs, gd_calloc(pixels, 1), gd_calloc(pixels, sizeof(*c.settled)),
+			    gd_alloc(pixels, sizeof(*c.part)), (int)pixels };
+	int rc = GD_OK;
+
+	if (!c.degree || !c.settled || !c.part)
+		rc = gd_fail(err, GD_ENOMEM, "pairs: out of memory for %dx%d", pairs->w, pairs->h);
+	for (size_t i = 0; i < pixels && rc == GD_OK; i++)
+		c.part[i] = -1;
+	for (size_t i = 0; i < n && c.small > 0 && rc == GD_OK; i++)
+		take(&c, edge[i], true);
+	for (size_t i = 0; i < alike && rc == GD_OK; i++)
+		take(&c, edge[i], false);
+	free(c.degree);
+	free(c.settled);
+	free(c.part);
+	return rc;
 }
 
 int gd_pairs_choose(struct gd_pairs *pairs, const struct gd_look *looks, int w, int h,
@@ -278,19 +355,17 @@ int gd_pairs_choose(struct gd_pairs *pairs, const struct gd_look *looks, int w, 
 	const size_t n = (size_t)w * (size_t)h;
 	uint16_t *key;
 	uint32_t *edge;
-	unsigned char *degree;
+	size_t all, alike;
 	int rc;
 
-	if (n > UINT32_MAX / GD_PAIR_OFFSETS)
+	*pairs = (struct gd_pairs){ 0 };
+	if (n > INT_MAX / GD_PAIR_OFFSETS)
 		return gd_fail(err, GD_ENOMEM, "pairs: %dx%d pixels are too many", w, h);
 	rc = gd_pairs_new(pairs, w, h, err);
 	key = gd_alloc(n * GD_PAIR_OFFSETS, sizeof(*key));
 	edge = gd_alloc(n * GD_PAIR_OFFSETS, sizeof(*edge));
-	degree = gd_calloc(n, 1);
-	if (rc == GD_OK && (!key || !edge || !degree)) {
-		gd_pairs_free(pairs);
+	if (rc == GD_OK && (!key || !edge))
 		rc = gd_fail(err, GD_ENOMEM, "pairs: out of memory for %dx%d", w, h);
-	}
 	if (rc == GD_OK) {
 #pragma omp parallel for schedule(static)
 		for (int y = 0; y < h; y++) {
@@ -298,10 +373,12 @@ int gd_pairs_choose(struct gd_pairs *pairs, const struct gd_look *looks, int w, 
 
 			key_row(key + row * GD_PAIR_OFFSETS, looks + row, w, h, y);
 		}
-		take(pairs, edge, sort_edges(edge, key, n), degree);
+		all = sort_edges(edge, key, n, &alike);
+		rc = take_all(pairs, edge, all, alike, err);
 	}
 	free(key);
 	free(edge);
-	free(degree);
+	if (rc != GD_OK)
+		gd_pairs_free(pairs);
 	return rc;
 }

@@ -133,8 +133,8 @@ static void wavy(double n[3], double albedo[3], double *z, double u, double v)
 
 	n[0] = sin(t);
 	n[2] = cos(t);
-	albedo[0] = 0.5 + 0.4 * sin(1.3 * u) * cos(0.9 * v);
-	albedo[1] = fabs(sin(u * v * 0.11));
+	albedo[0] = 0.5 + 0.2 * sin(0.5 * u) * cos(0.6 * v);
+	albedo[1] = fabs(sin(u * v * 0.01));
 	albedo[2] = u * u + v * v < 60 ? 0.9 : 0.1;
 	*z = 3 + 0.05 * v + (u > 4 ? 2 : 0);
 }
@@ -221,19 +221,49 @@ static void test_flat_image_gives_the_grid(void **unused)
 	gd_image_free(&im);
 }
 
-/* Edges that were left out: one end has its four, none of them less alike. */
+static int root(const int *part, int i)
+{
+	while (part[i] != i)
+		i = part[i];
+	return i;
+}
+
+/* The smallest connected part. */
+static int smallest_part(const struct gd_pairs *p)
+{
+	const int n = p->w * p->h;
+	int *part = calloc((size_t)n, sizeof(int)), *size = calloc((size_t)n, sizeof(int)), least = n;
+
+	for (int i = 0; i < n; i++)
+		part[i] = i;
+	for (int i = 0; i < n; i++)
+		for (int k = 0; k < GD_PAIRS; k++)
+			part[root(part, i)] = root(part, i + p->dy[k][i] * p->w + p->dx[k][i]);
+	for (int i = 0; i < n; i++)
+		size[root(part, i)]++;
+	for (int i = 0; i < n; i++)
+		least = size[i] && size[i] < least ? size[i] : least;
+	free(part);
+	free(size);
+	return least;
+}
+
+/*
+ * Edges that were left out: its ends are hardly alike, or one of them has its four, none of them less alike
+ * (but for the few that keep parts together).
+ */
 static void test_choice_is_stable(void **unused)
 {
 	struct gd_look *looks;
 	struct gd_pairs p;
 	struct gd_image im;
-	int most;
+	int most, odd = 0;
 
 	(void)unused;
 	image(&im, W, H, wavy);
 	assert_int_equal(gd_pairs_looks(&looks, &im, NULL), GD_OK);
 	pairs_of(&p, &im);
-	assert_true(degrees(&p, &most) > 3.8 * W * H);
+	assert_true(degrees(&p, &most) > 2.5 * W * H);
 	assert_int_equal(most, 4);
 	for (int y = 0; y < H; y++)
 		for (int x = 0; x < W; x++)
@@ -245,6 +275,8 @@ static void test_choice_is_stable(void **unused)
 				if (x + dx < 0 || x + dx >= W || y + dy >= H || joined(&p, x, y, dx, dy))
 					continue;
 				mine = gd_pairs_affinity(&looks[y * W + x], &looks[(y + dy) * W + x + dx]);
+				if (mine < -199)
+					continue;
 				for (int e = 0; e < 2; e++) {
 					const int u = end[e][0], v = end[e][1];
 
@@ -259,8 +291,10 @@ static void test_choice_is_stable(void **unused)
 										&looks[(v + j) * W + u + i]));
 				}
 				/* the order has steps of 1 / 128 */
-				assert_true(fmaxf(worst[0], worst[1]) >= mine * 1.01f - 0.01f);
+				odd += fmaxf(worst[0], worst[1]) < mine * 1.01f - 0.01f;
 			}
+	if (odd >= 0.05 * W * H)
+		fail_msg("%d of %d", odd, W * H);
 	free(looks);
 	gd_pairs_free(&p);
 	gd_image_free(&im);
@@ -275,6 +309,26 @@ static void rough(double n[3], double albedo[3], double *z, double u, double v)
 	for (int c = 0; c < 3; c++)
 		albedo[c] = uniform();
 	*z = 1;
+}
+
+static void test_no_islands(void **unused)
+{
+	struct gd_pairs p;
+	struct gd_image im;
+
+	(void)unused;
+	for (int i = 0; i < 5; i++) {
+		image(&im, W, H, rough);
+		pairs_of(&p, &im);
+		assert_true(smallest_part(&p) >= 25);
+		gd_pairs_free(&p);
+		gd_image_free(&im);
+	}
+	image(&im, 3, 2, rough);
+	pairs_of(&p, &im);
+	assert_int_equal(smallest_part(&p), 6);
+	gd_pairs_free(&p);
+	gd_image_free(&im);
 }
 
 static void test_mirrored(void **unused)
@@ -340,7 +394,7 @@ static void test_edge_is_not_crossed(void **unused)
 				else
 					crossing++;
 			}
-	assert_true(crossing <= 8);	/* a grid has some 40 */
+	assert_int_equal(crossing, 0);	/* of a grid some 40 would */
 	assert_true(along > 1.9 * W * H);
 	gd_pairs_free(&p);
 	gd_image_free(&im);
@@ -388,7 +442,7 @@ static void test_wild_features(void **unused)
 	*at(&im, "Z.variance", 3, 3) = NAN;
 	*at(&im, "Z.variance", 4, 3) = INFINITY;
 	pairs_of(&p, &im);
-	assert_true(degrees(&p, &most) > 3.8 * W * H);
+	assert_true(degrees(&p, &most) > 2.5 * W * H);
 	assert_int_equal(most, 4);
 	gd_pairs_free(&p);
 	gd_image_free(&im);
@@ -531,6 +585,7 @@ int main(void)
 		cmocka_unit_test(test_affinity_is_equation_7),
 		cmocka_unit_test(test_flat_image_gives_the_grid),
 		cmocka_unit_test(test_choice_is_stable),
+		cmocka_unit_test(test_no_islands),
 		cmocka_unit_test(test_mirrored),
 		cmocka_unit_test(test_edge_is_not_crossed),
 		cmocka_unit_test(test_noise_is_not_structure),
