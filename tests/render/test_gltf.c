@@ -185,6 +185,42 @@ static struct gd_v3 normal(const struct gd_scene *s, size_t t)
 				gd_sub(corner(s, t, 2), corner(s, t, 0))));
 }
 
+/* --- the plug-in --- */
+
+static bool have_plugin(void)
+{
+	struct gd_err e = { 0 };
+
+	return gd_plugin_check(&e) == GD_OK;
+}
+
+static void need_plugin(void)
+{
+	if (!have_plugin()) {
+		print_message("not tested: there is no plug-in\n");
+		skip();
+	}
+}
+
+static unsigned char *make_png(size_t *size, const void *pixel, int w, int h, int n, int bits)
+{
+	struct gd_err e = { 0 };
+	unsigned char *png;
+
+	if (gd_plugin_png(&png, size, pixel, w, h, n, bits, &e) != GD_OK)
+		fail_msg("%s", e.text);
+	return png;
+}
+
+static void put_png(const char *name, const void *pixel, int w, int h, int n, int bits)
+{
+	size_t size;
+	unsigned char *png = make_png(&size, pixel, w, h, n, bits);
+
+	put(name, png, size);
+	free(png);
+}
+
 /* --- geometry --- */
 
 static void plain(void **state)
@@ -543,40 +579,6 @@ static void materials(void **state)
 	assert_int_equal(s->material[3].base_map, GD_NO_INDEX);
 	assert_int_equal(s->nlight, 2);
 	gd_scene_free(s);
-}
-
-static bool have_plugin(void)
-{
-	struct gd_err e = { 0 };
-
-	return gd_plugin_check(&e) == GD_OK;
-}
-
-static void need_plugin(void)
-{
-	if (!have_plugin()) {
-		print_message("not tested: there is no plug-in\n");
-		skip();
-	}
-}
-
-static unsigned char *make_png(size_t *size, const void *pixel, int w, int h, int n, int bits)
-{
-	struct gd_err e = { 0 };
-	unsigned char *png;
-
-	if (gd_plugin_png(&png, size, pixel, w, h, n, bits, &e) != GD_OK)
-		fail_msg("%s", e.text);
-	return png;
-}
-
-static void put_png(const char *name, const void *pixel, int w, int h, int n, int bits)
-{
-	size_t size;
-	unsigned char *png = make_png(&size, pixel, w, h, n, bits);
-
-	put(name, png, size);
-	free(png);
 }
 
 static double linear(double v)
