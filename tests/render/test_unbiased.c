@@ -24,6 +24,7 @@
 struct test_case {
 	const char *name;
 	struct room room;
+	struct gd_scene *(*make)(const struct room *room);	/* NULL: room_new */
 	int depth;
 	float ratio;		/* 0: INFINITY */
 	const int (*ring)[2];	/* NULL: NEXT */
@@ -138,7 +139,7 @@ static struct shot base(const struct test_case *t, const struct gd_scene *scene)
 
 static struct outcome observe(const struct test_case *t)
 {
-	struct gd_scene *scene = room_new(&t->room);
+	struct gd_scene *scene = t->make ? t->make(&t->room) : room_new(&t->room);
 	struct shot truth = base(t, scene);
 	struct pair all = { { 0 }, { 0 } }, one;
 	struct outcome o = { 0 };
@@ -212,6 +213,9 @@ static void test_all(void **state)
 		CASE("map", varnish, glass(0.1f), MAP | LAMP),
 		CASE("ratio 20", varnish, glass(0.2f), LAMP, .ratio = 20),
 		CASE("ratio 2", varnish, grey, LAMP, .ratio = 2),
+		CASE("stripes", matter(0.9f), matter(0.05f), 0, .make = stripes_new),
+		CASE("glossy stripes", silk, metal(0.05f, 0.5f), 0, .make = stripes_new),
+		CASE("mirror stripes", metal(0.95f, 0), metal(0.05f, 0), 0, .make = stripes_new),
 		CASE("knight", varnish, metal(0.6f, 0.3f), LAMP | MAP, .ring = KNIGHT,
 		     .uneven = true),
 	};

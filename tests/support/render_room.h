@@ -13,7 +13,8 @@ struct room {
 	float lens;
 };
 
-static inline struct gd_scene *room_new(const struct room *r)
+/* Without what gd_scene_finish() adds. */
+static inline struct gd_scene *room_start(const struct room *r)
 {
 	struct gd_scene *s = scene_new();
 	const uint32_t floor = add_material(s, r->floor), ball = add_material(s, r->ball);
@@ -43,6 +44,33 @@ static inline struct gd_scene *room_new(const struct room *r)
 	look_at(s, gd_v3(0.3f, 0.9f, 2.2f), gd_v3(0, 0.4f, -0.2f), 0.4f, 16.f / 12);
 	s->view.lens = r->lens;
 	s->view.focus = 2.2f;
+	return s;
+}
+
+static inline struct gd_scene *room_new(const struct room *r)
+{
+	return finished(room_start(r));
+}
+
+/*
+ * A closed box whose ceiling shines, seen from above: bright and dark stripes as wide as a pixel of 16,
+ * so that paths of neighbours survive with very different chances.
+ */
+static inline struct gd_scene *stripes_new(const struct room *r)
+{
+	struct gd_scene *s = scene_new();
+	struct gd_material shine = matter(0.3f);
+
+	shine.emission = gd_v3(1, 1, 1);
+	const uint32_t stripe[2] = { add_material(s, r->floor), add_material(s, r->ball) };
+	const uint32_t wall = add_material(s, matter(0.85f)), top = add_material(s, shine);
+	const uint32_t six[6] = { wall, wall, wall, top, wall, wall };
+
+	add_box(s, gd_v3(-1, 0, -1), gd_v3(1, 1, 1), six, true);
+	for (int i = 0; i < 16; i++)
+		add_quad(s, gd_v3(-0.8f + 0.1f * (float)i, 0.01f, 0.6f), gd_v3(0.1f, 0, 0),
+			 gd_v3(0, 0, -1.2f), stripe[i % 2]);
+	look_at(s, gd_v3(0, 0.81f, 0), gd_v3(0, 0, 0), 0.75f, 16.f / 12);
 	return finished(s);
 }
 

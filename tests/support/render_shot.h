@@ -48,7 +48,8 @@ struct spot {
 };
 
 struct shot {
-	int w, h;
+	int w, h;		/* of what is looked at */
+	int x0, y0, wide, high;	/* where it is in an image of wide x high; wide 0: it is all */
 	const struct gd_scene *scene;
 	struct gd_path_conf conf;
 	const int (*ring)[2];	/* NULL: no offset paths */
@@ -79,7 +80,8 @@ static inline bool finite_all(const struct gd_path_out *o)
 static inline void shoot_spot(const struct shot *s, int x, int y)
 {
 	struct spot *p = &s->spot[y * s->w + x];
-	struct gd_path_in in = { .w = s->w, .h = s->h, .x = x, .y = y, .n = s->ring ? 4 : 0 };
+	struct gd_path_in in = { .w = s->wide ? s->wide : s->w, .h = s->wide ? s->high : s->h,
+				 .x = s->x0 + x, .y = s->y0 + y, .n = s->ring ? 4 : 0 };
 	const int n = samples_at(s, x, y);
 
 	memset(p, 0, sizeof *p);
