@@ -17,8 +17,8 @@ static void tiles(double u, double v, double c[3])
 	const int i = (int)(u * 2), j = (int)(v * 2);
 	const double shade = 0.93 + 0.07 * noise_at(i, j, 17) - 0.16 * vein;
 
-	c[0] = mix(0.50, 0.80 * shade, joint), c[1] = mix(0.49, 0.87 * shade, joint);
-	c[2] = mix(0.47, 0.86 * shade, joint);
+	c[0] = mix(0.50, 0.86 * shade, joint), c[1] = mix(0.49, 0.93 * shade, joint);
+	c[2] = mix(0.47, 0.92 * shade, joint);
 }
 
 /* 8 x 8 little stones. */
@@ -165,7 +165,8 @@ static void bathroom_fittings(struct scene *s, int steel)
 {
 	const int mirror = metal(s, 0.93, 0.94, 0.93, 0), wood_ = textured(s, "wood.png", 0.45);
 	const int cloth = textured(s, "terry.png", 1), sheet_ = textured(s, "check.png", 0.9);
-	const int lamp = light(s, 1, 0.86, 0.68, 22), white = gloss(s, 0.8, 0.8, 0.78, 0.3);
+	const int lamp = light(s, 1, 0.86, 0.68, 20), white = gloss(s, 0.8, 0.8, 0.78, 0.3),
+		  ceiling = light(s, 1, 0.95, 0.88, 5.5);
 	const struct towel first = { 0.34, 0.62, 0.50, 17, 0.4 },
 			   second = { 0.30, 0.44, 0.52, 14, 2.0 };
 	const struct p3 rail[] = { { -0.45, 0, -0.06 }, { -0.45, 0, 0 },    { -0.43, 0, 0.012 },
@@ -184,8 +185,9 @@ static void bathroom_fittings(struct scene *s, int steel)
 	block(s, steel, p3(-0.515, 1.90, -1.099), p3(0.415, 1.915, -1.065), 0.003);
 	block(s, steel, p3(-0.515, 1.18, -1.099), p3(-0.50, 1.90, -1.065), 0.003);
 	block(s, steel, p3(0.40, 1.18, -1.099), p3(0.415, 1.90, -1.065), 0.003);
-	tube(&m, at(0, 0, 0), bulb, COUNT(bulb), 0.028, 0.028, 1, 12);
-	thing(s, &m, lamp, at(-0.05, 2.01, -0.99));
+	tube(&m, at(0, 0, 0), bulb, COUNT(bulb), 0.042, 0.042, 1, 12);
+	thing(s, &m, lamp, at(-0.05, 2.06, -0.97));
+	wall(s, ceiling, p3(-0.6, 2.395, -0.1), p3(1.2, 0, 0), p3(0, 0, 0.9), 1);
 	block(s, steel, p3(-0.38, 2.0, -1.1), p3(0.28, 2.02, -1.03), 0.004);
 	tube(&m, at(0, 0, 0), rail, COUNT(rail), 0.009, 0.009, 4, 12);
 	thing(s, &m, steel, turned(at(1.10, 1.32, -0.42), 'y', -90)); /* towels on the right wall */

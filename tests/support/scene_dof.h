@@ -163,8 +163,8 @@ static void dof(const char *folder)
 	brick = textured(&s, "bricks.png", 0.9);
 	ground = textured(&s, "gravel.png", 0.9);
 	cloth = textured(&s, "check.png", 0.9);
-	lamp = light(&s, 1, 0.72, 0.38, 70);
-	warm = light(&s, 1, 0.80, 0.55, 14);
+	lamp = light(&s, 1, 0.72, 0.38, 90);
+	warm = light(&s, 1, 0.80, 0.55, 36);
 	leaf = gloss(&s, 0.12, 0.28, 0.08, 0.35);
 	clay = matte(&s, 0.50, 0.24, 0.14);
 	black = matte(&s, 0.03, 0.03, 0.03);
@@ -174,13 +174,13 @@ static void dof(const char *folder)
 	sheet(&m, at(0, 0, 0), 48, 48, table_cloth, NULL, 6, 8);
 	thing(&s, &m, cloth, at(0, 0.746, 0.30));
 	block(&s, wood_, p3(-0.55, 0.70, -1.55), p3(0.55, 0.735, 0.25), 0.005);
-	dof_lamps(&s, lamp, black, p3(-1.3, 1.75, -2.4), p3(1.4, 1.85, -2.3), 0.30, 11);
-	dof_lamps(&s, lamp, black, p3(-1.2, 1.40, -1.9), p3(1.5, 1.55, -2.2), 0.22, 8);
+	dof_lamps(&s, lamp, black, p3(-1.3, 1.38, -2.45), p3(1.4, 1.42, -2.4), 0.22, 11);
+	dof_lamps(&s, lamp, black, p3(-1.2, 1.20, -1.9), p3(1.5, 1.32, -2.1), 0.18, 8);
 	dof_shrubs(&s, leaf, clay, at(-0.95, 0, -2.1), turned(at(0.95, 0, -2.25), 'y', 130));
 	wall(&s, warm, p3(-1.9, 1.5, -0.1), p3(0.0, 0.0, -0.8), p3(0.25, 0.75, 0), 1);
 	dof_things(&s);
 	s.camera = (struct camera){ { 0.06, 1.10, 0.52 }, { 0.0, 0.86, -0.42 }, 36 };
-	scene_write(&s, "dof", "--depth 8 --aperture 0.022 --focus 0.98 --sky 0.10,0.14,0.22");
+	scene_write(&s, "dof", "--depth 8 --aperture 0.022 --focus 0.98 --sky 0.22,0.30,0.46");
 	scene_close(&s);
 }
 

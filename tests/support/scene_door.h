@@ -34,7 +34,7 @@ static void rug(double u, double v, double c[3])
 	c[2] = knot_ * mix(mix(0.14, 0.42, ring > 0.2), mix(0.40, 0.40, dots), border);
 }
 
-/* The wall with the doorway; hinge at x = 0, lock at x = 0.85, the door opens towards +z. */
+/* The wall with the doorway; hinge at x = 0, lock at x = 0.85, the door opens towards -z. */
 static void door_wall(struct scene *s, int paper, int white, int brass, double open)
 {
 	const struct p3 handle[] = { { 0, 0, 0.02 },
@@ -42,7 +42,7 @@ static void door_wall(struct scene *s, int paper, int white, int brass, double o
 				     { -0.02, 0, 0.065 },
 				     { -0.06, 0, 0.065 },
 				     { -0.11, 0, 0.06 } };
-	const struct place hinge = turned(at(0.0, 0, -1.42), 'y', -open);
+	const struct place hinge = turned(at(0.0, 0, -1.55), 'y', open);
 	struct mesh m = { 0 };
 
 	block(s, paper, p3(-1.8, 0, -1.56), p3(-0.01, 2.5, -1.44), 0);
@@ -114,7 +114,7 @@ static void door(const char *folder)
 	int plaster, white, paper, floor_, rug_, brass, china, bright, lamp, art, wood_;
 
 	scene_open(&s, folder, "door");
-	plaster = matte(&s, 0.78, 0.75, 0.70);
+	plaster = matte(&s, 0.84, 0.82, 0.78);
 	white = gloss(&s, 0.80, 0.78, 0.74, 0.4);
 	paper = textured(&s, "wallpaper.png", 0.9);
 	floor_ = textured(&s, "boards.png", 0.4);
@@ -122,15 +122,16 @@ static void door(const char *folder)
 	brass = metal(&s, 0.85, 0.65, 0.32, 0.3);
 	china = gloss(&s, 0.82, 0.80, 0.76, 0.15);
 	bright = matte(&s, 0.85, 0.84, 0.80);
-	lamp = light(&s, 1, 0.93, 0.80, 60);
+	lamp = light(&s, 1, 0.93, 0.80, 150);
 	art = textured(&s, "mosaic.png", 0.6);
 	wood_ = textured(&s, "wood.png", 0.5);
 	room(&s, p3(-1.8, 0, -1.44), p3(1.4, 2.5, 1.6),
-	     (const int[]){ floor_, plaster, paper, paper, -1, paper }, 1.5);
+	     (const int[]){ floor_, plaster, paper, plaster, -1, plaster }, 1.5);
 	room(&s, p3(-1.4, 0, -4.0), p3(1.9, 2.5, -1.56),
 	     (const int[]){ floor_, bright, bright, bright, bright, -1 }, 1);
-	door_wall(&s, paper, white, brass, 38);
-	wall(&s, lamp, p3(0.3, 2.48, -3.4), p3(1.2, 0, 0), p3(0, 0, 1.0), 1);
+	door_wall(&s, paper, white, brass, 30);
+	wall(&s, lamp, p3(0.92, 1.0, -3.98), p3(0.95, 0, 0), p3(0, 1.4, 0), 1);
+	block(&s, wood_, p3(0, -0.02, -1.58), p3(0.85, 0.012, -1.42), 0.004); /* threshold */
 	block(&s, white, p3(-1.8, 0, -1.46), p3(-0.08, 0.12, -1.42), 0.006); /* skirting */
 	block(&s, white, p3(0.93, 0, -1.46), p3(1.4, 0.12, -1.42), 0.006);
 	wall(&s, rug_, p3(-1.3, 0.006, 0.4), p3(2.0, 0, 0), p3(0, 0, -1.5), 0.5);
@@ -142,7 +143,7 @@ static void door(const char *folder)
 	ball(&m, at(0, 0, 0), 0.11, 40);
 	thing(&s, &m, metal(&s, 0.7, 0.7, 0.7, 0.25), at(1.16, 1.01, -1.2));
 	door_table(&s, china, brass);
-	s.camera = (struct camera){ { -0.25, 1.32, 1.35 }, { -0.10, 0.94, -1.0 }, 46 };
+	s.camera = (struct camera){ { 0.92, 1.42, 1.42 }, { -0.16, 0.93, -0.9 }, 48 };
 	scene_write(&s, "door", "--depth 12");
 	scene_close(&s);
 }

@@ -38,8 +38,8 @@ static void kitchen_paint(struct scene *s, struct kitchen_paint *p)
 	p->red = gloss(s, 0.62, 0.08, 0.06, 0.35);
 	p->orange = gloss(s, 0.85, 0.38, 0.06, 0.4);
 	p->apple = gloss(s, 0.42, 0.55, 0.10, 0.3);
-	p->window = light(s, 0.82, 0.92, 1.0, 9);
-	p->lamp = light(s, 1.0, 0.80, 0.56, 26);
+	p->window = light(s, 0.82, 0.92, 1.0, 14);
+	p->lamp = light(s, 1.0, 0.80, 0.56, 42);
 	p->white = gloss(s, 0.78, 0.78, 0.76, 0.35);
 }
 
@@ -322,7 +322,7 @@ static void kitchen(const char *folder)
 	kitchen_tap(&s, &p);
 	kitchen_things(&s, &p);
 	kitchen_rest(&s, &p);
-	s.camera = (struct camera){ { 0.42, 1.42, 0.55 }, { -0.08, 1.06, -0.95 }, 44 };
+	s.camera = (struct camera){ { 0.42, 1.40, 0.50 }, { 0.02, 1.04, -0.95 }, 46 };
 	scene_write(&s, "kitchen", "--depth 8");
 	scene_close(&s);
 }

@@ -106,7 +106,7 @@ static void sequence_desk(struct scene *s, struct sequence *q)
 
 static void sequence_lamp(struct scene *s, struct sequence *q)
 {
-	const int enamel = gloss(s, 0.10, 0.30, 0.22, 0.25), glow = light(s, 1, 0.82, 0.58, 55);
+	const int enamel = gloss(s, 0.10, 0.30, 0.22, 0.25), glow = light(s, 1, 0.82, 0.58, 130);
 	const struct knot shade[] = { { 0.02, 0.13, 1 },   { 0.05, 0.12, 0 },  { 0.12, 0.06, 0 },
 				      { 0.15, 0, 1 },      { 0.147, 0, 1 },    { 0.116, 0.055, 0 },
 				      { 0.047, 0.114, 0 }, { 0.018, 0.125, 1 } };
@@ -133,7 +133,7 @@ static void sequence(const char *folder)
 	plaster = matte(&s, 0.78, 0.75, 0.70);
 	paper = textured(&s, "wallpaper.png", 0.9);
 	floor_ = textured(&s, "boards.png", 0.4);
-	window = light(&s, 0.70, 0.85, 1, 4);
+	window = light(&s, 0.70, 0.85, 1, 14);
 	white = gloss(&s, 0.80, 0.78, 0.74, 0.4);
 	room(&s, p3(-1.6, 0, -1.0), p3(1.6, 2.4, 1.6),
 	     (const int[]){ floor_, plaster, plaster, plaster, paper, plaster }, 1.5);
@@ -145,7 +145,7 @@ static void sequence(const char *folder)
 	sequence_lamp(&s, &q);
 	for (int f = 0; f < SEQUENCE_FRAMES; f++) {
 		const double t = f / (SEQUENCE_FRAMES - 1.0), swing = 24 * (t - 0.4);
-		const struct place hook = turned(at(0.08, 2.35, -0.42), 'z', swing);
+		const struct place hook = turned(at(0.05, 2.29, -0.42), 'z', swing);
 		const struct place lamp = turned(
 			(struct place){ placed(hook, p3(0, -0.9, 0)), { 0, 0, 0, 1 } }, 'z', swing);
 		const struct place car =
@@ -154,8 +154,8 @@ static void sequence(const char *folder)
 
 		s.node[q.lamp].place = s.node[q.disc].place = lamp;
 		s.node[q.car].place = s.node[q.wheels].place = car;
-		s.camera = (struct camera){ { 0.10 + 0.16 * t, 1.28, 0.62 },
-					    { -0.10 + 0.12 * t, 0.94, -0.60 },
+		s.camera = (struct camera){ { 0.06 + 0.20 * t, 1.27, 0.86 },
+					    { -0.12 + 0.14 * t, 1.01, -0.60 },
 					    42 };
 		snprintf(name, sizeof name, "sequence%d", f);
 		scene_write(&s, name, "--depth 8");

@@ -236,20 +236,15 @@ static void box(struct mesh *m, struct place where, struct p3 h, double radius, 
 static void along(const struct knot *k, int i, int n, double d[2])
 {
 	struct knot before = i ? k[i - 1] : k[0], after = i < n - 1 ? k[i + 1] : k[n - 1];
-	double a[2], b[2], la, lb;
+	double l;
 
 	if (!i)
 		before = (struct knot){ -k[1].r, k[1].y, 0 };
 	if (i == n - 1)
 		after = (struct knot){ -k[n - 2].r, k[n - 2].y, 0 };
-	a[0] = k[i].r - before.r, a[1] = k[i].y - before.y;
-	b[0] = after.r - k[i].r, b[1] = after.y - k[i].y;
-	la = hypot(a[0], a[1]), lb = hypot(b[0], b[1]);
-	for (int c = 0; c < 2; c++)
-		d[c] = a[c] / la * lb + b[c] / lb * la;
-	la = hypot(d[0], d[1]);
-	for (int c = 0; c < 2; c++)
-		d[c] = la > 0 ? d[c] / la : 0;
+	d[0] = after.r - before.r, d[1] = after.y - before.y;
+	l = hypot(d[0], d[1]);
+	d[0] /= l, d[1] /= l;
 }
 
 /* Point and direction at t in 0 .. 1 between knots i and i + 1. */
