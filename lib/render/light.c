@@ -13,17 +13,16 @@
 
 /* --- the list --- */
 
-static float cross_length(const struct gd_scene *s, const struct gd_triangle *t, struct gd_v3 *n)
+static float area_of(const struct gd_scene *s, const struct gd_triangle *t)
 {
 	const struct gd_v3 a = s->vertex[t->vertex[0]], b = s->vertex[t->vertex[1]],
 			   c = s->vertex[t->vertex[2]];
 	const double e[3] = { (double)b.x - a.x, (double)b.y - a.y, (double)b.z - a.z },
 		     f[3] = { (double)c.x - a.x, (double)c.y - a.y, (double)c.z - a.z };
 	const double x = e[1] * f[2] - e[2] * f[1], y = e[2] * f[0] - e[0] * f[2],
-		     z = e[0] * f[1] - e[1] * f[0], l = sqrt(x * x + y * y + z * z);
+		     z = e[0] * f[1] - e[1] * f[0];
 
-	*n = l > 0 ? gd_v3((float)(x / l), (float)(y / l), (float)(z / l)) : gd_v3(0, 0, 1);
-	return (float)l;
+	return (float)(0.5 * sqrt(x * x + y * y + z * z));
 }
 
 static struct gd_v3 emission_at(const struct gd_scene *s, const struct gd_material *m, float u,
@@ -115,13 +114,11 @@ static size_t add_areas(struct gd_scene *s, const double *mean, struct gd_light 
 
 	for (size_t i = 0; i < s->ntriangle; i++) {
 		struct gd_triangle *t = &s->triangle[i];
-		struct gd_v3 normal;
-
-		t->light = GD_NO_INDEX;
+			t->light = GD_NO_INDEX;
 		if (!(mean[t->material] > 0))
 			continue;
 		if (light) {
-			const float area = 0.5f * cross_length(s, t, &normal);
+			const float area = area_of(s, t);
 			/* a hundredth of the texture's mean: no point of it is overlooked */
 			const double m = 0.99 * mean_emission(s, t) + 0.01 * mean[t->material];
 
@@ -267,7 +264,7 @@ static void point_on(const struct gd_scene *scene, const struct gd_light *l, flo
 	float uv[2];
 
 	s->point = gd_point_in(scene, t, b[1], b[2]);
-	cross_length(scene, t, &s->normal);
+	s->normal = t->normal;
 	gd_uv_at(scene, t, b, uv);
 	s->radiance = emission_at(scene, &scene->material[t->material], uv[0], uv[1]);
 }

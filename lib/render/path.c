@@ -34,7 +34,7 @@ float gd_walk_survival(const struct gd_walk *w, struct gd_v3 t)
 {
 	if (w->segments < GD_ROULETTE_FROM)
 		return 1;
-	return fminf(1, fmaxf(SURVIVAL_LEAST, gd_largest(t)));
+	return gd_at_most(gd_at_least(gd_largest(t), SURVIVAL_LEAST), 1);
 }
 
 struct gd_v3 gd_walk_camera(const struct gd_path_in *in, const struct gd_view *view, float px,
@@ -90,6 +90,10 @@ static void add_halves(const struct gd_walk *w, struct gd_v3 fx, float p)
 {
 	for (int k = 0; k < w->n; k++) {
 		const struct gd_offset *o = &w->o[k];
+
+		if (gd_black(fx) && gd_black(o->fy))
+			continue;
+
 		const bool shifted = !apart(fx, o->fy, w->conf->shift_ratio);
 		const float d = 1 / (p + (shifted ? w->in->r[k] * o->qy : 0));
 
@@ -135,7 +139,7 @@ static void note_surface(const struct gd_walk *w, const struct gd_arrival *a, fl
 	if (a->solid) {
 		const struct gd_v3 c = gd_mul(a->b.albedo, w->t);
 
-		out->albedo = gd_v3(fminf(c.x, 1), fminf(c.y, 1), fminf(c.z, 1));
+		out->albedo = gd_v3(gd_at_most(c.x, 1), gd_at_most(c.y, 1), gd_at_most(c.z, 1));
 	}
 }
 

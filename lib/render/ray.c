@@ -46,9 +46,21 @@ static int failed(const struct report *r, struct gd_err *err)
 		       r->code == RTC_ERROR_OUT_OF_MEMORY ? "out of memory" : r->text);
 }
 
-static float largest(struct gd_v3 v)
+static inline float largest(struct gd_v3 v)
 {
-	return fmaxf(fmaxf(fabsf(v.x), fabsf(v.y)), fabsf(v.z));
+	return gd_largest(gd_v3(fabsf(v.x), fabsf(v.y), fabsf(v.z)));
+}
+
+/*
+ * Is p clearly off the plane of a triangle? Floats tell for nearly all, far, the length of the ray,
+ * apart. 1e-5 is some ten times what roundings of p, of the normal and of products add up to.
+ */
+static inline bool off_plane(const struct gd_scene *s, uint32_t triangle, struct gd_v3 p, float far)
+{
+	const struct gd_triangle *t = &s->triangle[triangle];
+	const struct gd_v3 a = s->vertex[t->vertex[0]];
+
+	return fabsf(gd_dot(t->normal, gd_sub(p, a))) > 1e-5f * (largest(p) + largest(a) + far);
 }
 
 /*
@@ -60,6 +72,9 @@ static bool in_plane(const struct gd_scene *s, uint32_t triangle, struct gd_v3 p
 {
 	const uint32_t *k = s->triangle[triangle].vertex;
 	const struct gd_v3 a = s->vertex[k[0]], b = s->vertex[k[1]], c = s->vertex[k[2]];
+	if (off_plane(s, triangle, p, most > 0 ? (float)(most / END) : 0))
+		return false;
+
 	const double e[3] = { (double)b.x - a.x, (double)b.y - a.y, (double)b.z - a.z },
 		     f[3] = { (double)c.x - a.x, (double)c.y - a.y, (double)c.z - a.z };
 	const double x = e[1] * f[2] - e[2] * f[1], y = e[2] * f[0] - e[0] * f[2],
@@ -180,8 +195,7 @@ static void describe(const struct gd_scene *s, uint32_t triangle, float t, float
 	hit->triangle = triangle;
 	hit->t = t;
 	hit->p = gd_point_in(s, tri, u, v);
-	hit->ng = gd_v3(0, 0, 1);
-	gd_triangle_normal(s, tri, &hit->ng);
+	hit->ng = tri->normal;
 	n = mix(w, s->normal[k[0]], s->normal[k[1]], s->normal[k[2]]);
 	if (gd_dot(n, n) > 1e-12f)
 		n = gd_unit(n);

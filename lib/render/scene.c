@@ -48,6 +48,16 @@ static void bound(struct gd_scene *s)
 	s->high = high;
 }
 
+static void find_normals(struct gd_scene *scene)
+{
+	for (size_t i = 0; i < scene->ntriangle; i++) {
+		struct gd_triangle *t = &scene->triangle[i];
+
+		t->normal = gd_v3(0, 0, 1);
+		gd_triangle_normal(scene, t, &t->normal);
+	}
+}
+
 int gd_scene_finish(struct gd_scene *scene, struct gd_err *err)
 {
 	int rc = check(scene, err);
@@ -55,6 +65,7 @@ int gd_scene_finish(struct gd_scene *scene, struct gd_err *err)
 	if (rc != GD_OK)
 		return rc;
 	bound(scene);
+	find_normals(scene);
 	rc = gd_environment_prepare(scene, err);
 	if (rc == GD_OK)
 		rc = gd_light_prepare(scene, err);

@@ -43,6 +43,7 @@ struct gd_triangle {
 	uint32_t vertex[3];
 	uint32_t material;
 	uint32_t light;			/* index into scene.light, or GD_NO_INDEX */
+	struct gd_v3 normal;		/* geometric, length 1; gd_scene_finish() fills it */
 };
 
 enum gd_light_kind { GD_AREA, GD_POINT, GD_SPOT, GD_DIRECTIONAL, GD_ENVIRONMENT };

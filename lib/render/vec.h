@@ -62,9 +62,20 @@ static inline struct gd_v3 gd_unit(struct gd_v3 a)
 	return gd_scale(a, 1 / gd_length(a));
 }
 
+/* One instruction each, which fminf() and fmaxf() are not. x NaN: limit. */
+static inline float gd_at_least(float x, float limit)
+{
+	return x > limit ? x : limit;
+}
+
+static inline float gd_at_most(float x, float limit)
+{
+	return x < limit ? x : limit;
+}
+
 static inline float gd_largest(struct gd_v3 a)
 {
-	return fmaxf(a.x, fmaxf(a.y, a.z));
+	return gd_at_least(a.x, gd_at_least(a.y, a.z));
 }
 
 static inline bool gd_black(struct gd_v3 a)
