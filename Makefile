@@ -202,6 +202,7 @@ help:
 	@echo 'make test       every test, and again under the address and undefined-behaviour sanitizers'
 	@echo 'make check      every test, without the sanitizers'
 	@echo 'make bench      speed, and speed against error, into build/bench/ (DATA=dir: of the scenes there)'
+	@echo 'make -C tests/bench render   the same with rendering, on the scenes that have references, into build/bench/render/'
 	@echo 'make scenes     writes the scenes of testdata again, after a change to their generator'
 	@echo 'make references references of the scenes into build/references: hours, resumable (SCENES REF_SIZE REF_PASSES REF_SPP)'
 	@echo 'make loop       renders a scene in passes, each where the one before says (SCENE LOOP LOOP_SIZE)'

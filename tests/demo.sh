@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The main job on real samples: a crop of a kitchen, rendered by gradient-domain path tracing.
 #	tests/demo.sh TESTDATA OUT		the tools are those of $GD_BIN (bin)
-# Leaves images, pictures, a table of relMSE against seconds and a plot of it in OUT.
+# Then a scene is rendered, evenly and in passes that go where samples help, and both are measured.
+# Leaves images, pictures, tables of relMSE against seconds and plots of them in OUT.
 set -euo pipefail
 data=$1 out=$2
 PATH=$(realpath "${GD_BIN:-bin}"):$PATH
@@ -94,6 +95,31 @@ if command -v gnuplot >/dev/null; then
 else
 	echo "no plot: gnuplot is not installed (make deps)"
 fi
+# ---- rendered here ----
+
+scenes=$(dirname "$0")/../testdata/scenes
+loop=$out/render/kitchen.64/mixed-adaptive.exr.passes
+if ! command -v gdrender >/dev/null; then
+	echo "nothing rendered: gdrender was not built, it needs Embree, assimp and cJSON (make deps; make)"
+else
+	echo
+	echo "kitchen, rendered at 192x144: a reference; even passes, and passes that go where samples help"
+	bin=$(dirname "$(command -v gdrender)")
+	REF_SIZE=192x144 REF_PASSES=2 REF_SPP=${DEMO_REFERENCE:-128} \
+		"$(dirname "$0")/references.sh" "$bin" "$scenes" "$out/references" kitchen
+	RENDER_SPP=${DEMO_SPP:-16 64} RENDER_METHODS="path path-apr gpt-l2 gpt-apr path-adaptive mixed-adaptive" \
+		"$(dirname "$0")/bench/render.sh" "$bin" "$scenes" "$out/references" "$out/render" kitchen >"$out/render.log"
+	sed 1,/^relMSE/d "$out/render.log" | cat <(echo "relMSE at equal time, rendering included, and its ratio to path-apr:") -
+	cp "$out/render/render.tsv" "$out/render.tsv"
+	[ -f "$out/render/render.png" ] && cp "$out/render/render.png" "$out/render.png"
+	if [ -f "$out/reference.png" ] && [ -d "$loop" ]; then
+		gdshow --sheet --zoom 2 --columns 3 --labels "path 64 spp,denoised,3 passes,gradients 32 spp,denoised,reference" \
+			-o "$out/rendered.png" "$out/render/kitchen.64/path.exr" "$out/render/kitchen.64/path-apr.exr" \
+			"$out/render/kitchen.64/mixed-adaptive.exr" "$out/render/kitchen.64/gpt.exr" \
+			"$out/render/kitchen.64/gpt-apr.exr" "$out/references/kitchen.exr"
+		gdshow --layer sampling --legend --zoom 2 "$loop/map2.exr" "$out/passes.png"
+	fi
+fi
 echo
-echo "Look at $out/: table.txt table.tsv$(cd "$out" && for f in kitchen door noisy clean error sampling plot; do
+echo "Look at $out/: table.txt table.tsv$(cd "$out" && for f in kitchen door noisy clean error sampling plot render rendered passes; do
 	[ -f $f.png ] && printf ' %s.png' $f; done)"
