@@ -62,7 +62,7 @@ struct gd_scatter {
 	struct gd_v3 wi;		/* world space, length 1 */
 	struct gd_v3 f;			/* value times |cos(n, wi)|, of the label alone;
 					   smooth: factor of the delta function */
-	float pdf;			/* times the chance, by solid angle; smooth: a probability */
+	float pdf;			/* times the chance, by solid angle; smooth: probability */
 	bool smooth;
 	struct gd_v3 copy;		/* what copies keep, in the frame mirrored so that wo.z > 0:
 					   GD_ROUGH wi; else the half vector, z > 0 */
