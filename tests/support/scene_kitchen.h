@@ -66,12 +66,9 @@ static void kitchen_tiles(struct scene *s, const struct kitchen_paint *p)
 
 static int kitchen_handle(struct scene *s, int finish, double length)
 {
-	const struct p3 k[] = { { -length / 2, 0, 0 },
-				{ -length / 2, 0, 0.02 },
-				{ -length / 2 + 0.012, 0, 0.03 },
-				{ length / 2 - 0.012, 0, 0.03 },
-				{ length / 2, 0, 0.02 },
-				{ length / 2, 0, 0 } };
+	const double l = length / 2;
+	const struct p3 k[] = { { -l, 0, 0 },           { -l, 0, 0.014 }, { -l + 0.014, 0, 0.03 },
+				{ l - 0.014, 0, 0.03 }, { l, 0, 0.014 },  { l, 0, 0 } };
 	struct mesh m = { 0 };
 
 	tube(&m, at(0, 0, 0), k, COUNT(k), 0.005, 0.005, 3, 8);
@@ -174,9 +171,10 @@ static void kitchen_pot(struct scene *s, int finish, int black, double r, double
 		{ 0, 0, 1 },
 		{ r - 0.008, 0, 0 },
 		{ r, 0.008, 0 },
-		{ r, h - 0.004, 0 },
-		{ r + 0.004, h, 0 },
-		{ r - 0.002, h - 0.001, 0 },
+		{ r, h - 0.008, 0 },
+		{ r + 0.003, h - 0.003, 0 },
+		{ r + 0.001, h, 0 },
+		{ r - 0.003, h - 0.003, 0 },
 		{ r - 0.004, h - 0.01, 0 },
 		{ r - 0.004, 0.012, 0 },
 		{ r - 0.012, 0.004, 0 },

@@ -172,7 +172,10 @@ static void quad(struct mesh *m, struct p3 p, struct p3 a, struct p3 b, double s
 	weave(m, first, 1, 1);
 }
 
-/* A surface over (u, v) in 0 .. 1; normals by differences; texture coordinates su u, sv v. */
+/*
+ * A surface over (u, v) in 0 .. 1. Normals by differences, a little off v = 0 and 1, where poles may
+ * be poles; texture coordinates su u, sv v.
+ */
 typedef struct p3 surface(double u, double v, const void *arg);
 
 static void sheet(struct mesh *m, struct place where, int nu, int nv, surface *f, const void *arg,
@@ -184,8 +187,9 @@ static void sheet(struct mesh *m, struct place where, int nu, int nv, surface *f
 	for (int j = 0; j <= nv; j++)
 		for (int i = 0; i <= nu; i++) {
 			const double u = (double)i / nu, v = (double)j / nv;
-			const struct p3 du = sub(f(u + h, v, arg), f(u - h, v, arg));
-			const struct p3 dv = sub(f(u, v + h, arg), f(u, v - h, arg));
+			const double w = fmin(fmax(v, 10 * h), 1 - 10 * h);
+			const struct p3 du = sub(f(u + h, w, arg), f(u - h, w, arg));
+			const struct p3 dv = sub(f(u, w + h, arg), f(u, w - h, arg));
 
 			corner(m, where, f(u, v, arg), cross(du, dv), u * su, (1 - v) * sv);
 		}
@@ -327,13 +331,13 @@ static struct p3 curve(const struct p3 *p, int n, double t)
 {
 	const int i = t >= n - 1 ? n - 2 : (int)t;
 	const double s = t - i, s2 = s * s, s3 = s2 * s;
-	const struct p3 a = p[i > 0 ? i - 1 : 0], b = p[i], c = p[i + 1],
-			d = p[i + 2 < n ? i + 2 : n - 1];
-	struct p3 r = mad(p3(0, 0, 0), (-s3 + 2 * s2 - s) / 2, a);
+	const struct p3 b = p[i], c = p[i + 1], way = sub(c, b);
+	const double l = sqrt(dot(way, way));
+	const struct p3 db = unit(sub(c, p[i > 0 ? i - 1 : 0]));
+	const struct p3 dc = unit(sub(p[i + 2 < n ? i + 2 : n - 1], b));
+	const struct p3 r = mad(mad(b, 3 * s2 - 2 * s3, way), (s3 - 2 * s2 + s) * l, db);
 
-	r = mad(r, (3 * s3 - 5 * s2 + 2) / 2, b);
-	r = mad(r, (-3 * s3 + 4 * s2 + s) / 2, c);
-	return mad(r, (s3 - s2) / 2, d);
+	return mad(r, (s3 - s2) * l, dc);
 }
 
 /* A tube along the curve through p, from radius r0 to r1, round at both ends. */
