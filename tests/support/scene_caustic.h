@@ -67,7 +67,7 @@ static void caustic(const char *folder)
 
 	scene_open(&s, folder, "caustic");
 	paper = matte(&s, 0.62, 0.58, 0.52);
-	lamp = light(&s, 1, 0.90, 0.76, 420);
+	lamp = light(&s, 1, 0.90, 0.76, 165);
 	fill = light(&s, 0.75, 0.87, 1, 1.6);
 	grey = matte(&s, 0.35, 0.36, 0.40);
 	pearl = gloss(&s, 0.80, 0.30, 0.25, 0.2);
@@ -76,7 +76,7 @@ static void caustic(const char *folder)
 	thing(&s, &m, paper, at(0, 0, 1.4));
 	room(&s, p3(-1.9, -0.02, -1.3), p3(1.9, 2.4, 1.8),
 	     (const int[]){ grey, paper, grey, grey, grey, grey }, 1);
-	glowing_disc(&s, lamp, p3(-0.55, 1.05, -0.45), 0.05);
+	glowing_disc(&s, lamp, p3(-0.55, 1.05, -0.45), 0.08);
 	wall(&s, fill, p3(1.2, 0.6, 0.9), p3(0, 0, -1.4), p3(-0.4, 1.0, 0), 1);
 	ball(&m, at(0, 0, 0), 0.022, 28);
 	thing(&s, &m, pearl, at(0.0, 0.022, -0.16));
