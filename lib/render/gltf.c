@@ -106,7 +106,7 @@ static int set_view(const struct gd_gltf *g, struct gd_scene *s,
 	v->origin = place(n);
 	v->forward = axis(n, 2, -1);
 	v->right = gd_cross(v->forward, axis(n, 1, 1));
-	if (!(gd_dot(v->right, v->right) > 1e-12f) || !isfinite(gd_largest(v->origin)))
+	if (!(gd_dot(v->right, v->right) > 1e-12f) || !gd_finite(v->origin))
 		return gd_fail(err, GD_EFORMAT, "%s: the camera's node has no direction", g->path);
 	v->right = gd_unit(v->right);
 	v->up = gd_cross(v->right, v->forward);
@@ -158,7 +158,7 @@ static bool set_light(struct gd_light *l, const struct gd_gltf_node *n, const cJ
 		l->kind = GD_DIRECTIONAL;
 	else
 		return false;
-	return !gd_black(l->intensity) && isfinite(gd_largest(l->position)) &&
+	return !gd_black(l->intensity) && gd_finite(l->position) &&
 	       (l->kind == GD_POINT || !gd_black(l->direction));
 }
 

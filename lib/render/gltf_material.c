@@ -43,7 +43,7 @@ static bool starts(const struct gd_bytes *b, const char *magic, size_t n)
 	return b->size >= n && !memcmp(b->data, magic, n);
 }
 
-/* The format of an image in memory, as a file name for the plug-in. */
+/* The format of an image in memory, as the end of a file name for the plug-in. */
 static const char *name_of(const struct gd_bytes *b)
 {
 	if (starts(b, "\x89PNG", 4))
@@ -62,8 +62,8 @@ static int read_image(struct load *l, const cJSON *image, struct gd_texture *t, 
 {
 	const char *uri = gd_json_text(image, "uri");
 	struct gd_bytes b = { 0 };
+	char name[1024], *path;
 	size_t view;
-	char *path;
 	int rc;
 
 	if (uri && strncmp(uri, "data:", 5)) {
@@ -78,8 +78,10 @@ static int read_image(struct load *l, const cJSON *image, struct gd_texture *t, 
 		rc = gd_gltf_view(l->g, view, &b, err);
 	else
 		rc = gd_fail(err, GD_EFORMAT, "%s: an image without uri or bufferView", l->g->path);
-	if (rc == GD_OK)
-		rc = gd_texture_read(t, name_of(&b), &b, data, err);
+	if (rc == GD_OK) {
+		snprintf(name, sizeof(name), "%.1000s#%s", l->g->path, name_of(&b));
+		rc = gd_texture_read(t, name, &b, data, err);
+	}
 	gd_bytes_free(&b);
 	return rc;
 }

@@ -32,18 +32,26 @@ float gd_environment_density(const struct gd_scene *scene, struct gd_v3 d);
 
 #define GD_FARTHEST 1e15f	/* metres: products of three coordinates do not overflow */
 
-/* Of length 1; false, and out alone, for a triangle without area (in floats). */
+static inline bool gd_finite(struct gd_v3 v)
+{
+	return isfinite(v.x) && isfinite(v.y) && isfinite(v.z);
+}
+
+/* Of length 1; false, and out alone, for a triangle without area. In doubles: that of a needle, too,
+ * is exact. */
 static inline bool gd_triangle_normal(const struct gd_scene *s, const struct gd_triangle *t,
 				      struct gd_v3 *n)
 {
 	const struct gd_v3 a = s->vertex[t->vertex[0]], b = s->vertex[t->vertex[1]],
 			   c = s->vertex[t->vertex[2]];
-	const struct gd_v3 x = gd_cross(gd_sub(b, a), gd_sub(c, a));
-	const float m = fmaxf(fabsf(x.x), fmaxf(fabsf(x.y), fabsf(x.z)));
+	const double e[3] = { (double)b.x - a.x, (double)b.y - a.y, (double)b.z - a.z },
+		     f[3] = { (double)c.x - a.x, (double)c.y - a.y, (double)c.z - a.z };
+	const double x = e[1] * f[2] - e[2] * f[1], y = e[2] * f[0] - e[0] * f[2],
+		     z = e[0] * f[1] - e[1] * f[0], l = sqrt(x * x + y * y + z * z);
 
-	if (!(m > 1e-35f && m < 1e37f))
+	if (!(l > 1e-36 && l < 1e36))	/* square metres */
 		return false;
-	*n = gd_unit(gd_v3(x.x / m, x.y / m, x.z / m));
+	*n = gd_v3((float)(x / l), (float)(y / l), (float)(z / l));
 	return true;
 }
 

@@ -114,7 +114,8 @@ static size_t add_areas(struct gd_scene *s, const double *mean, struct gd_light 
 
 	for (size_t i = 0; i < s->ntriangle; i++) {
 		struct gd_triangle *t = &s->triangle[i];
-			t->light = GD_NO_INDEX;
+
+		t->light = GD_NO_INDEX;
 		if (!(mean[t->material] > 0))
 			continue;
 		if (light) {
@@ -250,7 +251,7 @@ static bool seen(const struct gd_scene *scene, struct gd_v3 p, struct gd_light_s
 	s->radiance = gd_scale(l->intensity, 1 / (s->t * s->t));
 	if (l->kind == GD_SPOT)
 		s->radiance = gd_scale(s->radiance, cone(l, gd_scale(s->d, -1)));
-	if (gd_black(s->radiance) || !isfinite(gd_largest(s->radiance)))
+	if (gd_black(s->radiance) || !gd_finite(s->radiance))
 		return false;
 	s->pdf = l->chance;
 	return true;

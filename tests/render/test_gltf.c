@@ -957,6 +957,22 @@ static void wrong_numbers(void **state)
 	}
 }
 
+/* Compressed geometry that is none. */
+static void draco(void **state)
+{
+	(void)state;
+	for (int view = 0; view < 2; view++) {
+		say("draco.gltf", HEAD "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]," SCENE
+		    NODES GLOW CAMERA
+		    "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,"
+		    "\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":%d,"
+		    "\"attributes\":{\"POSITION\":0}}}}]}],"
+		    "\"accessors\":[{\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"
+		    "{\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}]," BUFFERS, view);
+		refused("draco.gltf", GD_EFORMAT, view ? "no buffer view 1" : "raco");
+	}
+}
+
 /* Nodes within nodes, deeper than any stack likes. */
 static void deep(void **state)
 {
@@ -1066,7 +1082,8 @@ int main(void)
 		cmocka_unit_test(embedded),	  cmocka_unit_test(texture_transform),
 		cmocka_unit_test(missing_textures), cmocka_unit_test(elsewhere),
 		cmocka_unit_test(environment_file), cmocka_unit_test(refusals),
-		cmocka_unit_test(wrong_numbers),  cmocka_unit_test(deep),
+		cmocka_unit_test(wrong_numbers),  cmocka_unit_test(draco),
+		cmocka_unit_test(deep),
 		cmocka_unit_test(mutations),
 	};
 
