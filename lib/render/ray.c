@@ -67,14 +67,11 @@ static inline bool off_plane(const struct gd_scene *s, uint32_t triangle, struct
  * Does p lie in the plane of a triangle? p is exact to the share each of its coordinates, and to
  * most in all directions.
  */
-static bool in_plane(const struct gd_scene *s, uint32_t triangle, struct gd_v3 p, double share,
-		     double most)
+static bool exactly_in_plane(const struct gd_scene *s, uint32_t triangle, struct gd_v3 p,
+			     double share, double most)
 {
 	const uint32_t *k = s->triangle[triangle].vertex;
 	const struct gd_v3 a = s->vertex[k[0]], b = s->vertex[k[1]], c = s->vertex[k[2]];
-	if (off_plane(s, triangle, p, most > 0 ? (float)(most / END) : 0))
-		return false;
-
 	const double e[3] = { (double)b.x - a.x, (double)b.y - a.y, (double)b.z - a.z },
 		     f[3] = { (double)c.x - a.x, (double)c.y - a.y, (double)c.z - a.z };
 	const double x = e[1] * f[2] - e[2] * f[1], y = e[2] * f[0] - e[0] * f[2],
@@ -84,6 +81,18 @@ static bool in_plane(const struct gd_scene *s, uint32_t triangle, struct gd_v3 p
 	const double slack = fabs(x * (double)p.x) + fabs(y * (double)p.y) + fabs(z * (double)p.z);
 
 	return fabs(d) <= share * slack + most * (fabs(x) + fabs(y) + fabs(z));
+}
+
+/* Does a ray start, or after a length of t end, in the plane of a triangle that it hits? */
+static inline bool starts_in(const struct gd_scene *s, uint32_t triangle, struct gd_v3 o)
+{
+	return !off_plane(s, triangle, o, 0) && exactly_in_plane(s, triangle, o, START, 0);
+}
+
+static inline bool ends_in(const struct gd_scene *s, uint32_t triangle, struct gd_v3 end, float t)
+{
+	return isfinite(t) && !off_plane(s, triangle, end, t) &&
+	       exactly_in_plane(s, triangle, end, END, END * (double)t);
 }
 
 /* What a shadow ray carries along: Embree hands the context to the filter. */
@@ -101,12 +110,10 @@ static void pass_by(const struct RTCFilterFunctionNArguments *a)
 
 	for (unsigned i = 0; i < a->N; i++) {
 		const unsigned ray = ((const unsigned *)a->ray)[RAY_ID * a->N + i];
-		const float t = s->t[ray];
 		const uint32_t triangle = ((const unsigned *)a->hit)[HIT_PRIMITIVE * a->N + i];
 
-		if (a->valid[i] && (in_plane(s->scene, triangle, s->from[ray], START, 0) ||
-				    (isfinite(t) && in_plane(s->scene, triangle, s->to[ray], END,
-							     END * (double)t))))
+		if (a->valid[i] && (starts_in(s->scene, triangle, s->from[ray]) ||
+				    ends_in(s->scene, triangle, s->to[ray], s->t[ray])))
 			a->valid[i] = 0;
 	}
 }
@@ -248,7 +255,7 @@ static bool trace(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, 
 		rtcIntersect1(scene->rays, &context, &r);
 		if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
 			return false;
-		if (!in_plane(scene, r.hit.primID, o, START, 0)) {
+		if (!starts_in(scene, r.hit.primID, o)) {
 			describe(scene, r.hit.primID, r.ray.tfar, r.hit.u, r.hit.v, hit);
 			return true;
 		}
@@ -279,7 +286,7 @@ unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], cons
 	for (int k = 0; k < 4; k++) {
 		bool is_hit = valid[k] && r.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID;
 
-		if (is_hit && in_plane(scene, r.hit.primID[k], o[k], START, 0))
+		if (is_hit && starts_in(scene, r.hit.primID[k], o[k]))
 			is_hit = trace(scene, o[k], d[k],
 				       nextafterf(r.ray.tfar[k] * (1 + 2e-7f), INFINITY), &hit[k]);
 		else if (is_hit)

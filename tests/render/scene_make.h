@@ -57,7 +57,8 @@ static inline uint32_t scene_add(struct gd_scene *s, struct gd_v3 a, struct gd_v
 	s->vertex[k + 1] = b;
 	s->vertex[k + 2] = c;
 	s->nvertex += 3;
-	s->triangle[s->ntriangle] = (struct gd_triangle){ { k, k + 1, k + 2 }, material, 0 };
+	s->triangle[s->ntriangle] = (struct gd_triangle){ .vertex = { k, k + 1, k + 2 },
+							 .material = material };
 	return (uint32_t)s->ntriangle++;
 }
 
@@ -85,10 +86,10 @@ static inline struct gd_scene *scene_sphere(struct gd_v3 centre, float radius, i
 
 			if (i > 0)
 				s->triangle[s->ntriangle++] =
-					(struct gd_triangle){ { a, b + w, b }, 0, 0 };
+					(struct gd_triangle){ .vertex = { a, b + w, b } };
 			if (i < n - 1)
 				s->triangle[s->ntriangle++] =
-					(struct gd_triangle){ { a, a + w, b + w }, 0, 0 };
+					(struct gd_triangle){ .vertex = { a, a + w, b + w } };
 		}
 	return s;
 }

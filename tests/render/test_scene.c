@@ -238,6 +238,38 @@ static void flat_floor(void **state)
 	gd_scene_free(s);
 }
 
+/* Needles, a hundred thousand times as long as wide, are not hit by rays that start on them. */
+static void needles(void **state)
+{
+	enum { N = 400 };
+	struct gd_scene *s = scene_new(N, 3 * N);
+	int tries = 0;
+
+	(void)state;
+	for (int i = 0; i < N; i++) {
+		const struct gd_v3 c = gd_v3((float)(5 * (i % 20)), (float)(5 * (i / 20)), 3);
+		const struct gd_v3 d = rnd_direction(), e = rnd_direction();
+
+		scene_add(s, gd_mad(c, -1, d), gd_mad(c, 1, d),
+			  gd_mad(gd_mad(c, (float)rnd(), d), 2e-5f, e), 0);
+	}
+	finish(s);
+	for (uint32_t i = 0; i < N; i++)
+		for (int k = 0; k < 20; k++) {
+			const struct gd_v3 p = gd_point_in(s, &s->triangle[i], 0.5f * (float)rnd(),
+							   0.5f * (float)rnd());
+			const struct gd_v3 d = grazing(s->triangle[i].normal, pow(10, -4 * rnd()));
+			struct gd_hit hit;
+
+			tries++;
+			assert_false(gd_ray_hit(s, p, d, &hit) && hit.triangle == i);
+			assert_false(gd_ray_hit(s, p, gd_scale(d, -1), &hit) && hit.triangle == i);
+			assert_true(gd_ray_free(s, p, d, 2));
+		}
+	assert_int_equal(tries, 20 * N);
+	gd_scene_free(s);
+}
+
 static void shading(void **state)
 {
 	struct gd_scene *s = scene_new(1, 3);
@@ -398,6 +430,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(nearest),	cmocka_unit_test(packets),
 		cmocka_unit_test(no_self_hits), cmocka_unit_test(flat_floor),
+		cmocka_unit_test(needles),
 		cmocka_unit_test(shading),	cmocka_unit_test(threads),
 		cmocka_unit_test(denormals),	cmocka_unit_test(refused),
 		cmocka_unit_test(textures),	cmocka_unit_test(chances),
