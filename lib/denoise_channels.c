@@ -310,8 +310,11 @@ static void drop_used(struct gd_image *im)
 	gd_layer_want_variance(im, "dy", GD_DROP);
 	gd_layer_want(im, "dx", GD_DROP);
 	gd_layer_want(im, "dy", GD_DROP);
+	gd_layer_want(im, "dx.samples", GD_DROP);
+	gd_layer_want(im, "dy.samples", GD_DROP);
 	gd_family_want(im, "bin", GD_DROP);
 	gd_family_want(im, "half", GD_DROP);
+	gd_family_want(im, "pair", GD_DROP);
 }
 
 static void mark(struct denoise_job *job)

@@ -85,7 +85,8 @@ int gd_merge_want(struct gd_merge *m, int i, struct gd_image *im, struct gd_err 
 
 		if (l->role == GD_ROLE_MEAN)
 			read = wanted || gd_merge_in_family(l->layer, "bin") ||
-			       (m->input[i].sided && gd_merge_is_side(l->layer));
+			       (m->input[i].sided && gd_merge_is_side(l->layer)) ||
+			       (m->input[i].per_pixel && gd_merge_is_worth(l->layer));
 		else if (l->role == GD_ROLE_VARIANCE)
 			read = wanted && known->has_variance && !known->spread;
 		else if (l->role == GD_ROLE_SAMPLES)
@@ -128,6 +129,8 @@ static int add_planes(struct gd_merge *m, struct merge_layer *l, struct gd_err *
 			rc = gd_image_add(&m->out, name, &l->bin[b][c], err);
 		}
 	}
+	if (l->place && rc == GD_OK)
+		m->place[l->name[4] - '0'][l->name[6] == 'y'] = l->mean[0];
 	if (rc == GD_OK && l->binned && m->bins && (!m->lockstep || m->sided)) {
 		l->bin_count = calloc((size_t)m->bins, sizeof *l->bin_count);
 		rc = l->bin_count ? GD_OK : gd_fail(err, GD_ENOMEM, "out of memory");
@@ -286,6 +289,61 @@ static int side_counts(struct gd_merge *m, int i, const struct gd_image *im, str
 	return rc;
 }
 
+/* What the gradients are worth, where the input tells. */
+static int edge_counts(struct gd_merge *m, int i, const struct gd_image *im, struct gd_err *err)
+{
+	int rc = GD_OK;
+
+	memset(m->worth, 0, sizeof m->worth);
+	for (int k = 0; k < m->nlayer && m->input[i].per_pixel && rc == GD_OK; k++) {
+		const struct merge_layer *l = &m->layer[k];
+		const struct gd_named *named;
+		struct gd_plane plane[GD_NAMED_MAX];
+		char name[300];
+
+		if (l->half || l->edge < 0)
+			continue;
+		snprintf(name, sizeof name, "%s.samples", l->name);
+		named = gd_names_find(&m->names, GD_ROLE_MEAN, name);
+		if (!named)
+			continue;
+		rc = planes_of(m, im, named, plane, m->input[i].label, err);
+		if (rc == GD_OK)
+			m->worth[l->edge] = make_count(plane[0], 1).plane;
+	}
+	return rc;
+}
+
+/* Where pairs lead has to be the same in all inputs: the first tells, the others are compared. */
+static int join_places(struct gd_merge *m, int i, const struct gd_image *im, struct gd_err *err)
+{
+	int rc = GD_OK;
+
+	for (int k = 0; k < m->nlayer && rc == GD_OK; k++) {
+		struct merge_layer *l = &m->layer[k];
+		const struct gd_named *named = gd_names_find(&m->names, GD_ROLE_MEAN, l->name);
+		struct gd_plane p[GD_NAMED_MAX];
+
+		if (!l->place || !l->wanted || !named)
+			continue;
+		rc = planes_of(m, im, named, p, m->input[i].label, err);
+		for (int y = 0; y < m->h && rc == GD_OK; y++)
+			for (int x = 0; x < m->w && rc == GD_OK; x++) {
+				float *at = gd_row(l->mean[0], y) + x, v = gd_row(p[0], y)[x];
+
+				if (!l->placed)
+					*at = v;
+				else if (!(*at == v))
+					rc = gd_fail(err, GD_EFORMAT, "%s: %s is %g at (%d, %d), "
+						     "before it was %g: pairs have to be the same",
+						     m->input[i].label, l->name, (double)v, x, y,
+						     (double)*at);
+			}
+		l->placed = true;
+	}
+	return rc;
+}
+
 /*
  * Each unit of the input goes into the bin with the fewest samples so far (in the mean over the
  * image); equal units go round in turn.
@@ -303,48 +361,6 @@ static void assign_units(struct gd_merge *m, int i, double samples)
 		m->bin_samples[least] += samples / in->units;
 		m->unit_bin[in->first_unit + u] = least;
 	}
-}
-
-/*
- * The samples behind a layer's means: scale times those of the pixel. An edge of the gradients is
- * sampled from both its pixels (n_i + n_j, over 2 so that equal counts stay what they are), unless
- * own_edges says that only its own counts.
- */
-static void weigh(struct gd_merge *m, const struct merge_layer *l, const struct gd_count *count,
-		  float scale, bool bad, struct gd_count *w)
-{
-	const char *name = l->half && strchr(l->name, '.') ? strchr(l->name, '.') + 1 : l->name;
-	bool dx = !m->conf.own_edges && !strcmp(name, "dx");
-	bool dy = !m->conf.own_edges && !strcmp(name, "dy");
-
-	*w = (struct gd_count){ .all = count->all * (double)scale };
-	if (!count->plane.v && !bad)
-		return;
-	w->plane = m->weight;
-#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(m->weight))
-	for (int y = 0; y < m->h; y++) {
-		const float *a = count->plane.v ? gd_row(count->plane, y) : NULL;
-		const float *b = a && dy && y + 1 < m->h ? gd_row(count->plane, y + 1) : a;
-		float *row = gd_row(w->plane, y);
-
-		for (int x = 0; x < m->w; x++) {
-			int other = dx && x + 1 < m->w ? x + 1 : x;
-
-			row[x] = a ? scale * 0.5f * (a[x] + b[other]) : (float)w->all;
-		}
-	}
-}
-
-/* The same of a layer: of half0 and half1 half of them, unless the input tells how many. */
-static void layer_weight(struct gd_merge *m, const struct merge_layer *l,
-			 const struct gd_count *count, bool bad, struct gd_count *w)
-{
-	const struct gd_count side = { .plane = m->side[l->half && l->name[4] == '1'] };
-
-	if (l->half && side.plane.v)
-		weigh(m, l, &side, 1, bad, w);
-	else
-		weigh(m, l, count, l->half ? 0.5f : 1, bad, w);
 }
 
 /* parts += n wherever w > 0. */
@@ -476,10 +492,9 @@ static int add_sides(struct gd_merge *m, struct merge_layer *l, const struct sou
 	int rc = GD_OK;
 
 	for (int h = 0; h < 2 && rc == GD_OK; h++) {
-		const struct gd_count side = { .plane = m->side[h] };
 		struct gd_count w;
 
-		weigh(m, l, &side, 1.0f / (float)((s->n + 1 - h) / 2), false, &w);
+		gd_merge_weigh_side(m, l, h, 1.0f / (float)((s->n + 1 - h) / 2), &w);
 		gd_accum_mask(all, nall, &w);
 		rc = add_units(m, l, s, h, 2, &w, err);
 	}
@@ -507,10 +522,10 @@ static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_
 		for (int b = 0; b < s->n && s->n > 1; b++)
 			all[nall++] = s->part[b * MERGE_COMP + c];
 	}
-	layer_weight(m, l, count, false, &w);
+	gd_merge_weigh(m, l, count, false, &w);
 	bad = gd_accum_bad(all, nall, &w);
 	if (bad) {
-		layer_weight(m, l, count, true, &w);
+		gd_merge_weigh(m, l, count, true, &w);
 		gd_accum_mask(all, nall, &w);
 		l->dropped += bad;
 		gd_note(report, "%s: %zu pixels of %s with NaN or Inf left out", s->in->label, bad,
@@ -547,10 +562,14 @@ int gd_merge_add(struct gd_merge *m, int i, struct gd_image *im, const struct gd
 	if (rc == GD_OK)
 		rc = side_counts(m, i, im, err);
 	if (rc == GD_OK)
+		rc = edge_counts(m, i, im, err);
+	if (rc == GD_OK)
+		rc = join_places(m, i, im, err);
+	if (rc == GD_OK)
 		assign_units(m, i, count.all);
 	for (int k = 0; k < m->nlayer && rc == GD_OK; k++) {
 		*s = (struct source){ .in = &m->input[i] };
-		if (m->layer[k].wanted)
+		if (m->layer[k].wanted && !m->layer[k].place)
 			rc = add_layer(m, &m->layer[k], im, s, &count, report, err);
 	}
 	free(s);

@@ -16,7 +16,7 @@ static inline double at(const struct gd_count *c, int x, int y)
 
 static inline float narrow(double v)
 {
-	return (float)(v > FLT_MAX ? FLT_MAX : v);
+	return (float)(v > FLT_MAX ? FLT_MAX : v < -FLT_MAX ? -FLT_MAX : v);
 }
 
 /*
@@ -171,13 +171,61 @@ static void finish_bins(struct gd_merge *m, struct merge_layer *l)
 	}
 }
 
-static void count_empty(struct gd_merge *m, struct merge_layer *l, const struct gd_report *report)
+/* A gradient that no input has traced at a pixel, between two that have samples. */
+static bool untraced(const struct gd_merge *m, const struct merge_layer *l,
+		     const struct merge_layer *colour, int x, int y, int *u, int *v)
 {
+	*u = x;
+	*v = y;
+	if (l->edge < 0 || !colour || at(&l->count, x, y) > 0)
+		return false;
+	gd_merge_other_end(m, l->edge, u, v);
+	return (*u != x || *v != y) && at(&colour->count, x, y) > 0 &&
+	       at(&colour->count, *u, *v) > 0;
+}
+
+static inline float difference(struct gd_plane p, int x, int y, int u, int v)
+{
+	return narrow((double)gd_row(p, v)[u] - (double)gd_row(p, y)[x]);
+}
+
+/* Such gradients are differences of the merged colours. */
+static void finish_untraced(struct gd_merge *m, struct merge_layer *l,
+			    const struct merge_layer *colour)
+{
+	if (l->edge < 0 || !colour || !l->count.plane.v)
+		return;
+#pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(m->weight))
+	for (int y = 0; y < m->h; y++)
+		for (int x = 0; x < m->w; x++) {
+			int u, v;
+
+			if (!untraced(m, l, colour, x, y, &u, &v))
+				continue;
+			for (int c = 0; c < l->n; c++) {
+				gd_row(l->mean[c], y)[x] = difference(colour->mean[c], x, y, u, v);
+				if (l->has_variance && colour->has_variance)
+					gd_row(l->m2[c], y)[x] =
+						narrow((double)gd_row(colour->m2[c], y)[x] +
+						       (double)gd_row(colour->m2[c], v)[u]);
+				for (int b = 0; b < m->bins && l->binned; b++)
+					gd_row(l->bin[b][c], y)[x] =
+						difference(colour->bin[b][c], x, y, u, v);
+			}
+		}
+}
+
+static void count_empty(struct gd_merge *m, struct merge_layer *l,
+			const struct merge_layer *colour, const struct gd_report *report)
+{
+	int u, v;
+
 	if (!l->count.plane.v)
 		return;
 	for (int y = 0; y < m->h; y++)
 		for (int x = 0; x < m->w; x++)
-			l->empty += !(at(&l->count, x, y) > 0);
+			l->empty += !(at(&l->count, x, y) > 0) &&
+				    !untraced(m, l, colour, x, y, &u, &v);
 	if (l->empty)
 		gd_note(report, "%s: %zu pixels without any sample are 0",
 			*l->name ? l->name : "the colour", l->empty);
@@ -197,10 +245,12 @@ static int add_half(struct gd_merge *m, struct merge_layer *l, int c, int half, 
 #pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(m->weight))
 	for (int y = 0; y < m->h; y++)
 		for (int x = 0; x < m->w; x++) {
+			const bool empty = l->bin_count && !(side_samples(m, l, half, x, y) > 0);
 			double sum = 0, weight = 0;
 
+			/* bins without samples hold something all the same */
 			for (int b = half; b < m->bins; b += 2) {
-				double n = l->bin_count ? at(&l->bin_count[b], x, y) : 1;
+				double n = l->bin_count && !empty ? at(&l->bin_count[b], x, y) : 1;
 
 				sum += n * gd_row(l->bin[b][c], y)[x];
 				weight += n;
@@ -277,6 +327,36 @@ static int add_samples(struct gd_merge *m, const struct merge_layer *colour, dou
 	return rc;
 }
 
+/*
+ * Writes what gradients are worth, where this is not what the samples at their two ends say: after
+ * passes whose counts differ, or with some that told.
+ */
+static int add_worth(struct gd_merge *m, const struct merge_layer *colour, struct merge_layer *l,
+		     struct gd_err *err)
+{
+	struct gd_plane out;
+	bool differ = false;
+	char name[300];
+	int rc = GD_OK;
+
+	for (int y = 0; y < m->h && !differ; y++)
+		for (int x = 0; x < m->w && !differ; x++) {
+			int u = x, v = y;
+			double n;
+
+			gd_merge_other_end(m, l->edge, &u, &v);
+			n = gd_merge_harmonic(at(&colour->count, x, y), at(&colour->count, u, v));
+			differ = fabs(at(&l->count, x, y) - n) > 1e-4 * n;
+		}
+	snprintf(name, sizeof name, "%s.samples", l->name);
+	if (differ)
+		rc = gd_image_add(&m->out, name, &out, err);
+	for (int y = 0; y < m->h && differ && rc == GD_OK; y++)
+		for (int x = 0; x < m->w; x++)
+			gd_row(out, y)[x] = (float)at(&l->count, x, y);
+	return rc;
+}
+
 /* Samples of either half, from the bins or from the halves that were merged; false if unknown. */
 static bool sides_at(struct gd_merge *m, double n[2], int x, int y)
 {
@@ -318,6 +398,27 @@ static int add_sides(struct gd_merge *m, size_t *one_sided, struct gd_err *err)
 	return rc;
 }
 
+static int finish_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_report *report,
+			struct gd_err *err)
+{
+	const char half[] = { 'h', 'a', 'l', 'f', l->half ? l->name[4] : 0, 0 };
+	const struct merge_layer *colour = gd_merge_layer(m, l->half ? half : "");
+	int rc = GD_OK;
+
+	count_empty(m, l, colour, report);
+	if (l->has_variance)
+		rc = finish_layer_variance(m, l, report, err);
+	finish_bins(m, l);
+	if (rc == GD_OK && colour && colour->wanted && colour->n == l->n)
+		finish_untraced(m, l, colour);
+	for (int c = 0; c < l->n && l->binned && m->make_halves && rc == GD_OK; c++) {
+		rc = add_half(m, l, c, 0, err);
+		if (rc == GD_OK)
+			rc = add_half(m, l, c, 1, err);
+	}
+	return rc;
+}
+
 static bool is_bin(const char *name, void *user)
 {
 	(void)user;
@@ -332,26 +433,22 @@ int gd_merge_finish(struct gd_merge *m, struct gd_image *out, struct gd_merge_re
 				     .bin_ratio = bin_ratio(m) };
 	int rc = GD_OK;
 
-	for (int k = 0; k < m->nlayer && rc == GD_OK; k++) {
-		struct merge_layer *l = &m->layer[k];
+	/* gradients last: they may come of the colours */
+	for (int k = 0; k < 2 * m->nlayer && rc == GD_OK; k++) {
+		struct merge_layer *l = &m->layer[k % m->nlayer];
 
-		if (!l->wanted)
+		if (!l->wanted || (l->edge >= 0) != (k >= m->nlayer))
 			continue;
-		count_empty(m, l, report);
-		if (l->has_variance)
-			rc = finish_layer_variance(m, l, report, err);
-		finish_bins(m, l);
-		for (int c = 0; c < l->n && l->binned && m->make_halves && rc == GD_OK; c++) {
-			rc = add_half(m, l, c, 0, err);
-			if (rc == GD_OK)
-				rc = add_half(m, l, c, 1, err);
-		}
+		rc = finish_layer(m, l, report, err);
 		r.dropped += l->dropped;
 	}
 	r.empty = colour->empty;
 	r.spread_ratio = rc == GD_OK ? spread_ratio(m, colour, r.bin_ratio) : 0;
 	if (rc == GD_OK && m->counted)
 		rc = add_samples(m, colour, &r.samples, err);
+	for (int k = 0; k < m->nlayer && rc == GD_OK && m->counted; k++)
+		if (m->layer[k].edge >= 0 && m->layer[k].wanted && !m->layer[k].half)
+			rc = add_worth(m, colour, &m->layer[k], err);
 	if (rc == GD_OK && (m->keep_bins || m->make_halves || !m->bins))
 		rc = add_sides(m, &r.one_sided, err);
 	if (rc == GD_OK && (r.bins || gd_attr_find(&m->out, "gd:bins")))

@@ -30,15 +30,23 @@ bool gd_merge_is_side(const char *name)
 /* Layers whose noise a denoiser models. */
 static bool is_feature(const char *name)
 {
-	static const char *const list[] = { "", "dx", "dy", "albedo", "N", "Z", "P", "ao",
-					    "feature" };
+	static const char *const list[] = { "", "albedo", "N", "Z", "P", "ao", "feature" };
 
+	if (gd_merge_edge_of(name) >= 0)
+		return true;
 	if (gd_merge_in_family(name, "half"))
 		name = strchr(name, '.') ? strchr(name, '.') + 1 : "";
 	for (size_t i = 0; i < sizeof list / sizeof *list; i++)
 		if (!strcmp(name, list[i]))
 			return true;
 	return false;
+}
+
+/* "pair0.x", "pair3.y": where pairs lead. */
+static bool is_place(const char *name)
+{
+	return !strncmp(name, "pair", 4) && name[4] >= '0' && name[4] < '0' + MERGE_EDGES - 2 &&
+	       (!strcmp(name + 5, ".x") || !strcmp(name + 5, ".y"));
 }
 
 /* What a denoiser said about one input is not true of the merged image. */
@@ -78,8 +86,10 @@ static int survey_layer(struct gd_merge *m, const struct gd_named *found, const 
 		memcpy(l->name, found->layer, sizeof l->name);
 		for (int c = 0; c < found->n; c++)
 			memcpy(l->out[c], found->name[c], sizeof l->out[c]);
-		l->binned = !*l->name || !strcmp(l->name, "dx") || !strcmp(l->name, "dy");
 		l->half = gd_merge_in_family(l->name, "half");
+		l->edge = gd_merge_edge_of(l->name);
+		l->binned = !*l->name || (l->edge >= 0 && !l->half);
+		l->place = is_place(l->name);
 	}
 	if (l->n != found->n)
 		return gd_fail(err, GD_ESHAPE, "%s: %s has %d channels, in other inputs %d", label,
@@ -104,10 +114,10 @@ const struct gd_named *gd_merge_bin_of(const struct gd_names *names, const struc
 /* Bins that every binned layer of the file has; 1 if it holds none. */
 static int count_bins(const struct gd_names *names)
 {
-	static const char *const binned[] = { "", "dx", "dy" };
+	static const char *const binned[] = { "", "dx", "dy", "pair0", "pair1", "pair2", "pair3" };
 	int bins = GD_MAX_BINS;
 
-	for (int k = 0; k < 3; k++) {
+	for (size_t k = 0; k < sizeof binned / sizeof *binned; k++) {
 		const struct gd_named *layer = gd_names_find(names, GD_ROLE_MEAN, binned[k]);
 		int b = 0;
 
@@ -136,7 +146,7 @@ static int survey_layers(struct gd_merge *m, const struct gd_names *names, const
 		const struct gd_named *l = &names->layer[k], *var;
 
 		if (l->role != GD_ROLE_MEAN || gd_merge_in_family(l->layer, "bin") ||
-		    gd_merge_is_side(l->layer))
+		    gd_merge_is_side(l->layer) || gd_merge_is_worth(l->layer))
 			continue;
 		var = names->variance == GD_VARIANCE_NONE ? NULL :
 			gd_names_find(names, GD_ROLE_VARIANCE, l->layer);

@@ -508,9 +508,15 @@ static bool is_family(const char *base)
 	return n && base[n] && !base[n + strspn(base + n, "0123456789")];
 }
 
+/* "pair0": its x and y tell where the pair's other pixel is. */
+static bool is_pair(const char *base)
+{
+	return starts(base, "pair") && base[4] && !base[4 + strspn(base + 4, "0123456789")];
+}
+
 /*
  * Splits "base.c" where c is one letter of a colour or a vector; else base is the whole name. Alpha
- * is a quantity of its own, and so are the depths Z and half0.Z.
+ * is a quantity of its own, and so are the depths Z and half0.Z, and pair0.x.
  */
 static const char *split(const char *name, char base[256])
 {
@@ -522,7 +528,7 @@ static const char *split(const char *name, char base[256])
 	if (!dot[1] || dot[2] || strchr("Aa", dot[1]))
 		return "";
 	base[dot - name] = 0;
-	if (dot[1] == 'Z' && is_family(base)) {
+	if ((dot[1] == 'Z' && is_family(base)) || (strchr("xy", dot[1]) && is_pair(base))) {
 		base[dot - name] = '.';
 		return "";
 	}

@@ -8,8 +8,6 @@
 #include "buffers.h"
 #include "render/film.h"
 
-#define PLAIN 0.5	/* of a sample that traces offset paths is what one that does not is worth
-			   to a gradient: where these pay at all, by their price */
 #define SAME 1e-4	/* of a number of samples: rounding */
 
 static const char *const g_name[GD_FILM_G] = {
@@ -322,10 +320,9 @@ static void develop_edge(const struct layer *l, const struct layer *colour, cons
 	const uint32_t n = gd_film_samples(film, gd_film_count(film, p->x, p->y));
 	const uint32_t m = gd_film_samples(film, there);
 	const bool traced = p->back[k] >= 0;
-	const double worth = traced ? gd_film_worth(p->traced, there[1]) :
-				      PLAIN * gd_film_worth(n, m);
 
-	gd_row(l->samples, p->y)[p->x] = (float)worth;
+	gd_row(l->samples, p->y)[p->x] =
+		traced ? (float)gd_film_worth(p->traced, there[1]) : 0;
 	for (int c = 0; c < 3; c++) {
 		if (traced)
 			develop_traced(l, p, k, c);

