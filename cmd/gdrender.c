@@ -260,7 +260,7 @@ static int take_map(const struct job *job, int which, struct gd_plane *plane, do
 
 			if (!(v >= 0 && v <= most) || (whole && v != floor(v)))
 				return gd_fail(err, GD_EARG, "%s: %s is %g at (%d, %d), expected "
-					       "%s0 to %g", called(job->opt.map[which]), name, v,
+					       "%s0 to %.10g", called(job->opt.map[which]), name, v,
 					       x + conf->crop.x0, y + conf->crop.y0,
 					       whole ? "a whole number, " : "", most);
 		}

@@ -428,7 +428,7 @@ static char *quote_command(const struct gd_cmd *cmd, int argc, char **argv)
 static void clear_progress(struct gd_cli *cli)
 {
 	if (cli->progress_shown)
-		fprintf(stderr, "\r%*s\r", 60, "");
+		fprintf(stderr, "\r%*s\r", 70, "");
 	cli->progress_shown = false;
 }
 
@@ -446,12 +446,19 @@ static void on_progress(void *user, const char *stage, double done)
 {
 	struct gd_cli *cli = user;
 	double now = gd_seconds();
+	char left[32];
 
+	if (!cli->stage || strcmp(stage, cli->stage) || done < cli->stage_done) {
+		cli->stage = stage;
+		cli->stage_time = now;
+		cli->stage_done = done;
+	}
 	/* only for work of over a second, and ten times a second at most */
 	if (cli->quiet || now - cli->start < 1 || now - cli->progress_time < 0.1 ||
 	    !isatty(STDERR_FILENO))
 		return;
-	fprintf(stderr, "\r%s: %.30s %3.0f %%", cli->cmd->name, stage, 100 * done);
+	gd_cli_time_left(left, now - cli->stage_time, done - cli->stage_done, 1 - done);
+	fprintf(stderr, "\r%s: %.30s %3.0f %%%-20s", cli->cmd->name, stage, 100 * done, left);
 	cli->progress_time = now;
 	cli->progress_shown = true;
 }

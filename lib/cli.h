@@ -77,6 +77,8 @@ struct gd_cli {
 	char *command;			/* the command line, quoted for a shell */
 	bool progress_shown;		/* a progress line stands on the terminal */
 	double progress_time;		/* when it was drawn */
+	const char *stage;		/* that is going on, since when and how much was done then */
+	double stage_time, stage_done;
 	bool limit_missed;		/* set it: exit status 1 */
 };
 
@@ -98,6 +100,10 @@ int gd_cli_load(struct gd_cli *cli, struct gd_exr *file, struct gd_image *im, st
 /* Other frames beside the input, of --neighbours: refuses the input itself, and a file named twice. */
 int gd_cli_check_neighbours(const struct gd_cli *cli, const struct gd_list *list,
 			    struct gd_err *err);
+
+/* ", 12 s left": what rest of a stage takes, of which so much was done in so many seconds; "" where
+ * that is not known yet. For the progress line. */
+void gd_cli_time_left(char text[32], double seconds, double done, double rest);
 
 /*
  * Signs the image and writes it to cli->output: a line with the command is added to gd:history, the
