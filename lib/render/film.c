@@ -174,13 +174,6 @@ void gd_film_store(struct gd_film *film, int x, int y, const struct gd_visit *v)
 	}
 }
 
-double gd_film_variance(const struct gd_film *film, int x, int y, int i, uint32_t n)
-{
-	if (n < 2)
-		return -1;
-	return (double)gd_film_square(film, x, y)[i] / n / (n - 1);
-}
-
 /* ---- empty bins ---- */
 
 /* Values first to last - 1 of the bins of one side, which are of a class. */

@@ -98,7 +98,10 @@ static inline uint32_t gd_film_samples(const struct gd_film *film, const uint32_
 }
 
 /* The variance of mean i of a pixel, which has n samples; negative: unknown. */
-double gd_film_variance(const struct gd_film *film, int x, int y, int i, uint32_t n);
+static inline double gd_film_variance(const struct gd_film *film, int x, int y, int i, uint32_t n)
+{
+	return n < 2 ? -1 : (double)gd_film_square(film, x, y)[i] / ((double)n * (n - 1));
+}
 
 /* --- develop.c --- */
 

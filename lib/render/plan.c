@@ -34,6 +34,8 @@ uint32_t gd_plan_traced_of(const struct gd_plan *p, double share, uint32_t n)
 	const uint32_t bins = p->conf->bins > 1 ? (uint32_t)p->conf->bins : 1;
 	const uint32_t m = n / bins, more = n % bins;
 
+	if (share >= 1)
+		return n;
 	return more * gd_plan_traced(share, m + 1) + (bins - more) * gd_plan_traced(share, m);
 }
 
