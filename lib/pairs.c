@@ -15,17 +15,22 @@
 #define TAU_NORMAL 0.02f
 #define TAU_ALBEDO 0.001f
 #define TAU_DEPTH 0.01f
-#define NOISE 4		/* times the expected squared distance of two equal pixels: of normal noise, 1 % (three
-			   components) to 5 % (one) of the pairs are beyond */
-#define LIMIT -200.0f	/* log affinity; a squared distance of 0.02. About there a gradient's variance reaches that of
-			   the colours themselves */
-#define ENOUGH 25	/* pixels, 1 / alpha^2 of the screened problem: more would not share their colours anyway */
+/*
+ * Times the expected squared distance of two equal pixels: of normal noise, 1 % (three components) to
+ * 5 % (one) of the pairs are beyond.
+ */
+#define NOISE 4
+/* Log affinity, a squared distance of 0.02: about there the variance of a gradient reaches a colour's. */
+#define LIMIT -200.0f
+#define ENOUGH 25	/* pixels, 1 / alpha^2: more hardly share their colours in the solution */
 #define TAIL 0.001	/* share of values that may lie beyond a feature's range, at either end */
 #define FAR 1e20f	/* some renderers write such a depth where nothing was hit */
 #define UNLIKE -16.0f	/* noise of a pixel that is like no other: distances are 3 at most */
 
-/* Keys of the order: 0 for log affinities above -2^-7 (affinity > 0.992), then 128 steps a power of 2 up to
- * 2^22, which is beyond -(3 + 32) / SIGMA^2. */
+/*
+ * Keys of the order: 0 for log affinities above -2^-7 (affinity > 0.992), then 128 steps a power of 2 up
+ * to 2^22, which is beyond (3 + NOISE x 32) / SIGMA^2.
+ */
 #define KEY_FIRST -7
 #define KEY_STEPS 7
 #define KEY_LAST 22
@@ -228,8 +233,10 @@ static void key_row(uint16_t *key, const struct gd_look *looks, int w, int h, in
 		}
 }
 
-/* Edges are numbered pixel by pixel. The counting sort is stable, and is fed the near ones first. alike: the
- * number of those within LIMIT. */
+/*
+ * Edges are numbered pixel by pixel. The counting sort is stable, and is fed the near ones first.
+ * alike: the number of those within LIMIT.
+ */
 static size_t sort_edges(uint32_t *edge, const uint16_t *key, size_t pixels, size_t *alike)
 {
 	size_t start[KEYS + 1] = { 0 };
@@ -255,7 +262,7 @@ struct choice {
 	const struct gd_pairs *pairs;
 	unsigned char *degree;
 	bool *settled;		/* pixels known to be in a part that is not small */
-	int *part;		/* union-find: the pixel above, or minus the size of a part at its root */
+	int *part;		/* union-find: the pixel above, or minus the size at a part's root */
 	int small;		/* parts of fewer than ENOUGH */
 };
 
@@ -322,10 +329,10 @@ static void take(struct choice *c, uint32_t edge, bool join)
 }
 
 /*
- * First the edges of falling affinity that save a part from being too small, however unlike its ends; then
- * all others that are alike enough. Without the first, textures leave islands of five pixels, each
- * with its four edges inside. Without the limit, pixels along an edge of the image whose like have no room
- * left are compared with anything.
+ * First the edges of falling affinity that save a part from being too small, however unlike its
+ * ends; then all others that are alike enough. Without the first, textures leave islands of five
+ * pixels, each with its four edges inside. Without the limit, pixels whose like have no room left
+ * are compared with anything.
  */
 static int take_all(const struct gd_pairs *pairs, const uint32_t *edge, size_t n, size_t alike,
 		    struct gd_err *err)

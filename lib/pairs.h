@@ -4,12 +4,12 @@
  * of the neighbours right and below, pixels of a 5x5 neighbourhood that look alike in the feature
  * buffers (Eq. 7). The affinity is symmetric, and so is the choice: edges are taken in the order of
  * falling affinity (ties: the nearer, then in scan order) as long as both ends have fewer than
- * GD_PAIRS, so that each pixel traces at most that many offset paths. Pixels that are hardly alike are
- * compared only where a part of the graph would else have fewer than 25.
+ * GD_PAIRS, so that each pixel traces at most that many offset paths. Pixels that are hardly alike
+ * are compared only where a part of the graph would else have fewer than 25.
  *
- * Differs from the paper, where each pixel names its own four, may be named by any number of others, and
- * draws among all of these at random. There 2.2 to 2.3 edges stand at a pixel, here at most 2;
- * at the same noise of each edge, the errors of l2 are within 10 % of each other.
+ * Differs from the paper, where each pixel names its own four, may be named by any number of others,
+ * and draws among all of these at random. There are 2.2 to 2.3 edges for each pixel then, and at
+ * most 2 here; at the same noise of each edge, the errors of l2 are within 10 % of each other.
  *
  * In a buffer: pairK.x pairK.y (K from 0) hold the offset of the K-th pixel that this pixel is
  * compared with, both 0 where there is none; an edge stands at the one of its two ends that comes
@@ -45,8 +45,8 @@ struct gd_pairs {
 int gd_pairs_new(struct gd_pairs *pairs, int w, int h, struct gd_err *err);
 void gd_pairs_free(struct gd_pairs *pairs);	/* takes { 0 } */
 
-/* What a pixel looks like: of each feature (N, albedo, Z) the components in 0 .. 1, and the sum of their
- * variances. */
+/* What a pixel looks like: of each feature (N, albedo, Z) the components in 0 .. 1, and the sum of
+ * their variances. */
 struct gd_look {
 	float n[3], albedo[3], z;
 	float noise[3];
@@ -54,9 +54,9 @@ struct gd_look {
 
 /*
  * h x w looks, row after row, from those of albedo, N and Z that im has (an absent one is 0) and
- * their variances of the mean; free() them. N maps -1 .. 1 to 0 .. 1; albedo (all channels alike) and Z
- * their range without the least and the largest 0.1 %, and values beyond it are cut: one wild value must
- * not make all others equal. GD_ESHAPE if im has none of the three.
+ * their variances of the mean; free() them. N maps -1 .. 1 to 0 .. 1; albedo (all channels alike)
+ * and Z their range without the least and the largest 0.1 %, and values beyond it are cut: one wild
+ * value must not make all others equal. GD_ESHAPE if im has none of the three.
  */
 int gd_pairs_looks(struct gd_look **looks, const struct gd_image *im, struct gd_err *err);
 
@@ -75,7 +75,7 @@ int gd_pairs_choose(struct gd_pairs *pairs, const struct gd_look *looks, int w, 
  * and Z. GD_ESHAPE if it has neither. Independent of the number of threads. */
 int gd_pairs_from_image(struct gd_pairs *pairs, const struct gd_image *im, struct gd_err *err);
 
-/* Sets want = GD_READ for the channels that gd_pairs_from_image() takes; false if there are none. */
+/* Sets want = GD_READ for the channels gd_pairs_from_image() takes; false if there are none. */
 bool gd_pairs_want(struct gd_image *im);
 
 /* Number of layers pair0 pair1 ... whose x im has, whether read or not. */

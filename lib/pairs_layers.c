@@ -81,8 +81,9 @@ static int add(const struct gd_pairs *pairs, unsigned char *degree, const signed
 
 	for (int l = 0; l < k; l++)
 		if (pairs->dx[l][i] == d[0] && pairs->dy[l][i] == d[1])
-			return gd_fail(err, GD_EFORMAT, "pair%d is %d,%d at pixel %d,%d, as is pair%d",
-				       k, d[0], d[1], x, y, l);
+			return gd_fail(err, GD_EFORMAT,
+				       "pair%d is %d,%d at pixel %d,%d, as is pair%d", k, d[0],
+				       d[1], x, y, l);
 	if (degree[i] >= GD_PAIRS || degree[j] >= GD_PAIRS)
 		return gd_fail(err, GD_EFORMAT, "pixel %d,%d is in more than %d pairs",
 			       degree[i] >= GD_PAIRS ? x : x + d[0],

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Conjugate gradients with the diagonal as preconditioner: alpha keeps the condition number near
- * 1 + 8 / alpha^2, and a graph that follows the textures of an image has no coarse grid to speak of.
+ * 1 + 8 / alpha^2, and a graph that follows the textures of an image has no coarse grid.
  * The recursion runs in float and starts afresh, from a residual in double, whenever it has gained
  * five digits; the solution is in double.
  */
@@ -106,7 +106,8 @@ static int link_of(int dx, int dy)
 	return 1 + (dy + GD_PAIR_REACH) * REACH + dx + GD_PAIR_REACH;
 }
 
-static bool add_link(const struct solver *s, size_t i, int dx, int dy, const float value[4], float weight)
+static bool add_link(const struct solver *s, size_t i, int dx, int dy, const float value[4],
+		     float weight)
 {
 	for (size_t k = i * GD_PAIR_LINKS; k < (i + 1) * GD_PAIR_LINKS; k++) {
 		if (s->g.link[k])
@@ -156,8 +157,8 @@ static int link_all(struct solver *s, struct gd_err *err)
 			for (int k = 0; k < GD_PAIRS; k++)
 				if (!add_pair(s, x, y, k))
 					return gd_fail(err, GD_EARG,
-						       "pairs: out of the image, or more than %d at "
-						       "pixel %d,%d",
+						       "pairs: out of the image, or more than "
+						       "%d at pixel %d,%d",
 						       GD_PAIR_LINKS, x, y);
 	return GD_OK;
 }
@@ -240,9 +241,9 @@ static void add_partial(const struct solver *s, double sum[4])
 }
 
 /*
- * The norm of the residual over the diagonal, relative to the start. The error in the energy norm, which is
- * what low frequencies show in, is at most 1 / sqrt(least eigenvalue) times that, about 2 / alpha:
- * hence bound.
+ * The norm of the residual over the diagonal, relative to the start. The error in the energy norm,
+ * which is what low frequencies show in, is at most 1 / sqrt(least eigenvalue) times that, about
+ * 2 / alpha: hence bound.
  */
 static double worst(const struct solver *s, const double rz[4], const double reference[4])
 {
@@ -263,8 +264,9 @@ static void true_residual(const struct solver *s, double rz[4])
 	add_partial(s, rz);
 }
 
-/* One recursion, until the residual, relative to reference, is at most target; the steps it took. */
-static int recur(struct solver *s, double rz[4], const double reference[4], double target, int steps)
+/* One recursion, until the residual relative to reference is at most target; the steps it took. */
+static int recur(struct solver *s, double rz[4], const double reference[4], double target,
+		 int steps)
 {
 	double beta[4] = { 0 }, alpha[4] = { 0 }, pq[4], old[4];
 	int n = 0;

@@ -52,7 +52,7 @@ static void reweight(const struct gd_pair_graph *g, const double *xv, double alp
 		const dquad p = alpha * (WIDE(primal[i]) - x[i]), pp = p * p;
 
 		for (size_t k = i * GD_PAIR_LINKS; k < (i + 1) * GD_PAIR_LINKS; k++) {
-			/* a difference and its negative, as the other end sees it, are equal in size */
+			/* as the other end sees it, it is exactly the negative */
 			const dquad e = x[(ptrdiff_t)i + g->jump[g->link[k]]] - x[i] -
 					WIDE(value[k]);
 			const dquad ee = e * e;
@@ -88,9 +88,11 @@ static void apply(double *sum, float *qv, const struct gd_pair_graph *g, const f
 		const unsigned char *link = g->link + i * GD_PAIR_LINKS;
 		const float *w = g->weight + i * GD_PAIR_LINKS;
 		const quad here = p[i], *at = p + i;
-		quad t = w[0] * (here - at[g->jump[link[0]]]) + w[1] * (here - at[g->jump[link[1]]]);
+		quad t = w[0] * (here - at[g->jump[link[0]]]);
 
-		t += w[2] * (here - at[g->jump[link[2]]]) + w[3] * (here - at[g->jump[link[3]]]);
+		t += w[1] * (here - at[g->jump[link[1]]]);
+		t += w[2] * (here - at[g->jump[link[2]]]);
+		t += w[3] * (here - at[g->jump[link[3]]]);
 		t += g->a[i] * here;
 		q[i] = t;
 		s += WIDE(here) * WIDE(t);
