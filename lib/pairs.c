@@ -22,6 +22,7 @@
 #define NOISE 4
 /* Log affinity, a squared distance of 0.02: about there the variance of a gradient reaches a colour's. */
 #define LIMIT -200.0f
+#define LEAST 2		/* pairs of a pixel, if there is room for them */
 #define ENOUGH 25	/* pixels, 1 / alpha^2: more hardly share their colours in the solution */
 #define TAIL 0.001	/* share of values that may lie beyond a feature's range, at either end */
 #define FAR 1e20f	/* some renderers write such a depth where nothing was hit */
@@ -310,15 +311,26 @@ static bool present(const struct gd_pairs *pairs, int p, const signed char *d)
 	return false;
 }
 
-/* The edge, if both of its ends have room, and if it joins parts where it has to. */
-static void take(struct choice *c, uint32_t edge, bool join)
+enum why { JOIN, LIKE, LONELY };	/* what an edge is taken for */
+
+static bool wanted(struct choice *c, int p, int q, const signed char *d, enum why why)
+{
+	if (why == JOIN)
+		return joins(c, p, q);
+	if (why == LONELY && c->degree[p] >= LEAST && c->degree[q] >= LEAST)
+		return false;
+	return !present(c->pairs, p, d);
+}
+
+/* The edge, if both of its ends have room. */
+static void take(struct choice *c, uint32_t edge, enum why why)
 {
 	const signed char *d = gd_pair_offset[edge % GD_PAIR_OFFSETS];
 	const int p = (int)(edge / GD_PAIR_OFFSETS), q = p + d[1] * c->pairs->w + d[0];
 	int k = 0;
 
 	if (c->degree[p] >= GD_PAIRS || c->degree[q] >= GD_PAIRS ||
-	    (join ? !joins(c, p, q) : present(c->pairs, p, d)))
+	    !wanted(c, p, q, d, why))
 		return;
 	c->degree[p]++;
 	c->degree[q]++;
@@ -330,9 +342,9 @@ static void take(struct choice *c, uint32_t edge, bool join)
 
 /*
  * First the edges of falling affinity that save a part from being too small, however unlike its
- * ends; then all others that are alike enough. Without the first, textures leave islands of five
- * pixels, each with its four edges inside. Without the limit, pixels whose like have no room left
- * are compared with anything.
+ * ends; then all others that are alike enough, or that a pixel needs which has less than two. Without
+ * the first, textures leave islands of five pixels, each with its four edges inside. Without the
+ * limit, pixels whose like have no room left are compared with anything.
  */
 static int take_all(const struct gd_pairs *pairs, const uint32_t *edge, size_t n, size_t alike,
 		    struct gd_err *err)
@@ -347,9 +359,9 @@ static int take_all(const struct gd_pairs *pairs, const uint32_t *edge, size_t n
 	for (size_t i = 0; i < pixels && rc == GD_OK; i++)
 		c.part[i] = -1;
 	for (size_t i = 0; i < n && c.small > 0 && rc == GD_OK; i++)
-		take(&c, edge[i], true);
-	for (size_t i = 0; i < alike && rc == GD_OK; i++)
-		take(&c, edge[i], false);
+		take(&c, edge[i], JOIN);
+	for (size_t i = 0; i < n && rc == GD_OK; i++)
+		take(&c, edge[i], i < alike ? LIKE : LONELY);
 	free(c.degree);
 	free(c.settled);
 	free(c.part);

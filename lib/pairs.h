@@ -5,7 +5,8 @@
  * buffers (Eq. 7). The affinity is symmetric, and so is the choice: edges are taken in the order of
  * falling affinity (ties: the nearer, then in scan order) as long as both ends have fewer than
  * GD_PAIRS, so that each pixel traces at most that many offset paths. Pixels that are hardly alike
- * are compared only where a part of the graph would else have fewer than 25.
+ * are compared only where a part of the graph would else have fewer than 25, or a pixel fewer than
+ * two edges.
  *
  * Differs from the paper, where each pixel names its own four, may be named by any number of others,
  * and draws among all of these at random. There are 2.2 to 2.3 edges for each pixel then, and at

@@ -258,6 +258,7 @@ static void test_arguments(void **state)
 {
 	struct paired p = paired_new(8, 6, 1, 0, 12);
 	struct gd_poisson_conf conf = GD_POISSON_DEFAULTS;
+	struct gd_pairsolve_in none;
 	struct gd_err err = { 0 };
 
 	(void)state;
@@ -278,9 +279,10 @@ static void test_arguments(void **state)
 	err = (struct gd_err){ 0 };
 	assert_int_equal(gd_pairsolve(p.out, &p.in, &conf, NULL, NULL, &err), GD_EARG);
 	assert_string_equal(err.text, "pairs: out of the image, or more than 4 at pixel 5,0");
-	p.in.primal[1].v = NULL;
+	none = p.in;
+	none.primal[1].v = NULL;
 	err = (struct gd_err){ 0 };
-	assert_int_equal(gd_pairsolve(p.out, &p.in, &conf, NULL, NULL, &err), GD_EARG);
+	assert_int_equal(gd_pairsolve(p.out, &none, &conf, NULL, NULL, &err), GD_EARG);
 	assert_string_equal(err.text, "pairs: no primal image");
 	paired_free(&p);
 }
