@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Renders a scene in passes, each where the one before says that samples help, and denoises it.
 #	adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
-# Passes cost as much as so many plain samples a pixel; one that traces gradients costs two. The first pass is
-# even and traces gradients with every sample. Then, until all passes are done:
+# Passes cost as much as so many plain samples a pixel; one that traces gradients costs two to three, which is
+# measured. The first pass is even and traces gradients with every sample. Then, until all passes are done:
 #	gdmerge pass*.exr | gdfeature | gdapr		what all samples say so far, and its error
 #	gdsample --gradients				where the next ones go, and which trace gradients
 #	gdrender --sampling --gradients			the next pass, of another seed
@@ -21,7 +21,7 @@ usage: adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
   -f SPP      the same of the first pass (as the others)
   -d TOOL     denoiser of the result: gdapr or gdlwr (gdapr)
   -b BINS     bins of a pass, 4 to 64 (8)
-  -c COST     of a sample with gradients, in plain ones (2)
+  -c COST     of a sample with gradients, in plain ones (measured, by one plain sample a pixel)
   -s SEED     of the first pass; each pass adds one (1)
   -k DIR      keep passes, maps and figures in DIR, and take passes that are there already
   -q          no progress
@@ -31,7 +31,7 @@ END
 
 fail() { echo "adaptive.sh: $*" >&2; exit 2; }
 
-spp=16 passes=3 gradients=auto uniform="" first="" denoiser=gdapr bins=8 cost=2 seed=1 keep="" quiet=""
+spp=16 passes=3 gradients=auto uniform="" first="" denoiser=gdapr bins=8 cost="" seed=1 keep="" quiet=""
 while getopts n:p:g:uf:d:b:c:s:k:qh o; do
 	case $o in
 	n) spp=$OPTARG ;;
@@ -90,11 +90,25 @@ denoise() {	# TOOL OUT OPTIONS...
 # A figure of a --stats file.
 figure() { sed -E "s/.*\"$2\": ([^,}]*).*/\\1/" "$1"; }
 
+# A sample with gradients in plain ones, from the first pass and one plain sample a pixel that is thrown away.
+# Images so small that the clock tells nothing: as USUAL.
+usual=2.5
+measure() {
+	local one=(--gradients 0 --bins 0 --spp 1 --seed 0 "${more[@]}" "$scene" "$dir/one.exr")
+	[ -f "$dir/one.json" ] || gdrender -q --stats "$dir/one.json" "${one[@]}"
+	rm -f "$dir/one.exr"
+	cost=$(awk -v usual=$usual -v a="$(figure "$dir/pass1.json" cpu_seconds)" -v n="$(figure "$dir/pass1.json" samples)" \
+		-v b="$(figure "$dir/one.json" cpu_seconds)" 'BEGIN {
+			c = b > 0.02 && n > 0 ? a / n / b : usual
+			print (c < 1 ? 1 : c > 5 ? 5 : c) }')
+	tell "a sample with gradients costs $cost plain ones"
+}
+
 # So many samples a pixel, all with gradients or none.
 even() {
 	local n=$1 with=1
 	[ "$gradients" = none ] && with=0
-	[ $with = 1 ] && n=$(awk -v n="$n" -v c="$cost" 'BEGIN { n = int(n / c + 0.5); print (n > 1 ? n : 1) }')
+	[ $with = 1 ] && n=$(awk -v n="$n" -v c="${cost:-$usual}" 'BEGIN { n = int(n / c + 0.5); print (n > 1 ? n : 1) }')
 	render=(--spp "$n" --gradients "$with")
 }
 
@@ -130,8 +144,9 @@ for ((i = 1; i <= passes; i++)); do
 	fi
 	if [ -z "$keep" ] || [ ! -f "$pass" ]; then
 		tell "pass $i of $passes"
-		gdrender -q "${between[@]}" --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${more[@]}" "$scene" "$pass"
+		gdrender -q "${between[@]}" --stats "${pass%.exr}.json" --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${more[@]}" "$scene" "$pass"
 	fi
+	if ((i == 1 && passes > 1)) && [ "$gradients" != none ] && [ -z "$cost" ]; then measure; fi
 	inputs=()
 	for ((k = 1; k <= i; k++)); do inputs+=("$dir/pass$k.exr"); done
 	gdmerge -q "${inputs[@]}" -o "$dir/all.exr" "${between[@]}"

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # relMSE against seconds, rendering included, of every way to spend them.
 #	render.sh BIN SCENES REFERENCES OUT [NAME ...]
-# A budget is so many plain samples a pixel; a sample that traces gradients counts as COST. With each budget
+# A budget is so many plain samples a pixel; a sample that traces gradients counts as 2.5. With each budget
 # every method renders SCENES/NAME.gltf by itself, where what it renders is not what another renders, too:
 #	path		plain samples, as they are; path-apr, path-lwr: denoised with G-buffers
 #	gpt-l2, gpt-l1	gradients with every sample, solved; gpt-apr, gpt-lwr: gdfeature, then denoised
@@ -20,7 +20,7 @@ here=$(realpath "$(dirname "$0")")
 PATH=$bin:$here/../../examples:$PATH
 export OMP_WAIT_POLICY=passive
 unset SOURCE_DATE_EPOCH
-budgets=${RENDER_SPP:-16 64} cost=${RENDER_COST:-2} clock=${RENDER_TIME:-wall}
+budgets=${RENDER_SPP:-16 64} cost=${RENDER_COST:-2.5} clock=${RENDER_TIME:-wall}
 methods=${RENDER_METHODS:-path path-apr path-lwr gpt-l2 gpt-l1 gpt-apr gpt-lwr pairs-l2 pairs-l1 path-adaptive \
 gpt-adaptive mixed mixed-adaptive}
 plain=(--compression none)
@@ -49,7 +49,7 @@ made() {	# FILE COMMAND...
 render() { gdrender -q "${plain[@]}" "${args[@]}" --size "$size" "${@:1:$#-1}" "$scenes/$name.gltf" "${@: -1}"; }
 adaptive() {
 	rm -rf "${*: -1}.passes"
-	adaptive.sh -q -k "${*: -1}.passes" -f "$((n / 4))" -n "$(awk -v n="$n" 'BEGIN { print n * 3 / 8 }')" -b "$bins" -c "$cost" \
+	adaptive.sh -q -k "${*: -1}.passes" -f "$((n / 4))" -n "$(awk -v n="$n" 'BEGIN { print n * 3 / 8 }')" -b "$bins" \
 		"${@:1:$#-1}" "$scenes/$name.gltf" "${@: -1}" -- "${args[@]}" --size "$size"
 }
 feature() { gdfeature -q "${plain[@]}" "$@"; }
