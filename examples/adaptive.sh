@@ -7,7 +7,7 @@
 #	gdmerge pass*.exr | gdfeature | gdapr		what all samples say so far, and its error
 #	gdsample --gradients				where the next ones go, and which trace gradients
 #	gdrender --sampling --gradients			the next pass, of another seed
-# Where gradients turn out not to pay at all, later passes do without them, and so does the result.
+# Where gradients turn out to gain less than 5 %, later passes do without them, and so does the result.
 set -euo pipefail
 export OMP_WAIT_POLICY=${OMP_WAIT_POLICY:-passive}
 
@@ -21,7 +21,7 @@ usage: adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
   -f SPP      the same of the first pass (as the others)
   -d TOOL     denoiser of the result: gdapr or gdlwr (gdapr)
   -b BINS     bins of a pass, 4 to 64 (8)
-  -c COST     of a sample with gradients, in plain ones (measured, by one plain sample a pixel)
+  -c COST     of a sample with gradients, in plain ones (measured, by two plain samples a pixel)
   -s SEED     of the first pass; each pass adds one (1)
   -k DIR      keep passes, maps and figures in DIR, and take passes that are there already
   -q          no progress
@@ -90,17 +90,17 @@ denoise() {	# TOOL OUT OPTIONS...
 # A figure of a --stats file.
 figure() { sed -E "s/.*\"$2\": ([^,}]*).*/\\1/" "$1"; }
 
-# A sample with gradients in plain ones, from the first pass and one plain sample a pixel that is thrown away.
+# A sample with gradients in plain ones, from the first pass and two plain samples a pixel that are thrown away.
 # Images so small that the clock tells nothing: as USUAL.
 usual=2.5
 measure() {
-	local one=(--gradients 0 --bins 0 --spp 1 --seed 0 "${more[@]}" "$scene" "$dir/one.exr")
+	local one=(--gradients 0 --bins 0 --spp 2 --seed 0 "${more[@]}" "$scene" "$dir/one.exr")
 	[ -f "$dir/one.json" ] || gdrender -q --stats "$dir/one.json" "${one[@]}"
 	rm -f "$dir/one.exr"
 	cost=$(awk -v usual=$usual -v a="$(figure "$dir/pass1.json" cpu_seconds)" -v n="$(figure "$dir/pass1.json" samples)" \
 		-v b="$(figure "$dir/one.json" cpu_seconds)" 'BEGIN {
-			c = b > 0.02 && n > 0 ? a / n / b : usual
-			print (c < 1 ? 1 : c > 5 ? 5 : c) }')
+			c = b > 0.04 && n > 0 ? 2 * a / n / b : usual
+			print (c < 2 ? 2 : c > 5 ? 5 : c) }')
 	tell "a sample with gradients costs $cost plain ones"
 }
 
@@ -114,9 +114,9 @@ even() {
 
 # The next pass: how many samples where, and which of them trace gradients.
 plan() {
-	local map=(--spp "$spp" --multiple 2 --gradient-cost "$cost") share
+	local map=(--spp "$spp" --multiple 2) share gain
 	[ "$gradients" = all ] && map[1]=$(awk -v n="$spp" -v c="$cost" 'BEGIN { print n / c }')
-	[ "$gradients" = auto ] && map+=(--gradients "$dir/all.exr")
+	[ "$gradients" = auto ] && map+=(--gradients "$dir/all.exr" --gradient-cost "$cost")
 	[ -n "$uniform" ] && map+=(--floor 1)
 	denoise gdapr "$dir/clean.exr" "${between[@]}"
 	gdsample -q "${map[@]}" --stats "$dir/plan$i.json" "$dir/clean.exr" -o "$dir/map$i.exr"
@@ -124,8 +124,10 @@ plan() {
 	if [ "$gradients" = auto ]; then
 		share=$(figure "$dir/plan$i.json" gradients)
 		render[3]=$dir/map$i.exr
-		tell "gradients for $(awk -v s="$share" 'BEGIN { printf "%.0f %%", 100 * s }') of the pixels"
-		if awk -v s="$share" 'BEGIN { exit !(s < 0.02) }'; then
+		gain=$(figure "$dir/plan$i.json" gradients_gain)
+		tell "$(awk -v s="$share" -v g="$gain" 'BEGIN { printf "gradients for %.0f %% of the pixels: " \
+			"%.2f times the error of plain samples in the same time", 100 * s, g }')"
+		if awk -v g="$gain" 'BEGIN { exit !(g > 0.95) }'; then
 			tell "gradients do not pay here: none from now on"
 			gradients=none
 		fi

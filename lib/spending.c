@@ -15,7 +15,7 @@
 #define LEAST	0.25	/* of the mean of e: the least that d is compared with */
 
 /* What is known of a pixel, and becomes known of its region by blurring. */
-enum { D, E, F, DD, PLANES };
+enum { D, D2, E, F, PLANES };	/* D2: the other way round, B against A */
 
 struct job {
 	const struct gd_spending_conf *conf;
@@ -23,7 +23,7 @@ struct job {
 	double *part;		/* a few sums for each row */
 	double cheaper;		/* log of what plain samples make of the error in the same time */
 	double mean_e;
-	double prior, between;	/* M and t */
+	double prior, kept;	/* M and t / (t + s) */
 };
 
 int gd_spending_want(struct gd_image *im, struct gd_err *err)
@@ -73,10 +73,10 @@ static double bounded(double v)
 	return v > MOST ? MOST : v < -MOST ? -MOST : v == v ? v : 0;	/* NaN: 0 */
 }
 
-/* d, and the estimated errors without (e) and with the feature (f), of one pixel. */
+/* d either way, and the estimated errors without (e) and with the feature (f), of one pixel. */
 static void compare(double v[PLANES], const struct colours *c, int x, int y, double dark)
 {
-	v[D] = v[E] = v[F] = 0;
+	v[D] = v[D2] = v[E] = v[F] = 0;
 	for (int k = 0; k < 3; k++) {
 		double f[2], g[2], l = 0;
 
@@ -89,12 +89,12 @@ static void compare(double v[PLANES], const struct colours *c, int x, int y, dou
 			double there = (double)gd_row(c->y[1 - h][k], y)[x];
 			double unit = l * l + dark * dark;
 
-			v[D] += bounded((f[h] - g[h]) * (f[h] + g[h] - 2 * there) / unit) / 6;
+			v[h ? D2 : D] += bounded((f[h] - g[h]) * (f[h] + g[h] - 2 * there) /
+						 unit) / 3;
 			v[E] += bounded((double)gd_row(c->error[h][k], y)[x] / unit) / 6;
 			v[F] += bounded((double)gd_row(c->with_error[h][k], y)[x] / unit) / 6;
 		}
 	}
-	v[DD] = v[D] * v[D];
 }
 
 static int compare_all(struct job *j, const struct gd_trial *t, struct gd_err *err)
@@ -131,27 +131,26 @@ static int compare_all(struct job *j, const struct gd_trial *t, struct gd_err *e
 /* ---- from regions to shares ---- */
 
 struct region {
-	double r, e, noise;	/* R, what d is compared with, s */
+	double r[2], e;		/* R either way, what d is compared with */
 };
 
-/*
- * Of so many independent pixels is a blurred value the mean: 4 pi sigma^2. The noise of y is, from
- * pixel to pixel, and it is most of that of d.
- */
 static struct region region(const struct job *j, int x, int y)
 {
-	double s = j->conf->blur_px, n = 4 * M_PI * s * s;
-	double d = (double)gd_row(j->p[D], y)[x], dd = (double)gd_row(j->p[DD], y)[x];
+	double d[2] = { (double)gd_row(j->p[D], y)[x], (double)gd_row(j->p[D2], y)[x] };
 	double e = (double)gd_row(j->p[E], y)[x], f = (double)gd_row(j->p[F], y)[x];
 
-	e = fmax(fmax(e, f - d), LEAST * j->mean_e);
-	return (struct region){ d / e, e, fmax(dd - d * d, 0) / n / (e * e) };
+	e = fmax(fmax(e, f - (d[0] + d[1]) / 2), LEAST * j->mean_e);
+	return (struct region){ { d[0] / e, d[1] / e }, e };
 }
 
-/* M, and t: the variance of R, each region counting by its error, less what is noise of it. */
+/*
+ * M, and what of R - M is to be believed. The two ways know no common noise, so that what they vary by
+ * together is t, the variance of R, and the noise of their mean is a quarter of their squared
+ * difference. Regions count by their errors.
+ */
 static void learn(struct job *j)
 {
-	double sum[4] = { 0 };
+	double sum[4] = { 0 }, t, s;
 
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < j->spare.h; y++) {
@@ -160,26 +159,29 @@ static void learn(struct job *j)
 		part[0] = part[1] = part[2] = part[3] = 0;
 		for (int x = 0; x < j->spare.w; x++) {
 			struct region a = region(j, x, y);
+			double apart = a.r[0] - a.r[1];
 
 			part[0] += a.e;
-			part[1] += a.e * a.r;
-			part[2] += a.e * a.r * a.r;
-			part[3] += a.e * a.noise;
+			part[1] += a.e * (a.r[0] + a.r[1]) / 2;
+			part[2] += a.e * a.r[0] * a.r[1];
+			part[3] += a.e * apart * apart / 4;
 		}
 	}
 	for (int y = 0; y < j->spare.h; y++)
 		for (int k = 0; k < 4; k++)
 			sum[k] += j->part[4 * (size_t)y + (size_t)k];
 	j->prior = sum[1] / sum[0];
-	j->between = fmax((sum[2] - sum[3]) / sum[0] - j->prior * j->prior, 0);
+	t = fmax(sum[2] / sum[0] - j->prior * j->prior, 0);
+	s = sum[3] / sum[0];
+	j->kept = t + s > 0 ? t / (t + s) : 0;
 }
 
 /* The logarithm of the error with gradients over that with plain samples, in the same time. */
 static double disadvantage(const struct job *j, struct region a)
 {
-	double t = j->between, s = a.noise;
-	double r = t + s > 0 ? j->prior + (a.r - j->prior) * t / (t + s) : j->prior;
+	double r = (a.r[0] + a.r[1]) / 2;
 
+	r = j->prior + (r - j->prior) * j->kept;
 	return log(fmax(1 + r, 0.05)) - j->conf->grows + j->cheaper;
 }
 

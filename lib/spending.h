@@ -15,7 +15,8 @@
  * and blurred. Of R = d / e, the relative change of the error, one region tells little more than its
  * noise; it is drawn towards the R of the whole image,
  *	R* = M + (R - M) t / (t + s),
- * s: the variance of R by the spread of d, t: what R varies by beyond that.
+ * t: what the R of A and that of B vary by together over the image, s: half of what they differ by
+ * (the variance of the mean of both).
  *
  * Plain samples would bring the error down by c^-p, p = 4 / (d + 4), in the same time (sampling.h).
  * Gradients pay where (1 + R*) c^p < 1; the share of samples goes from 0 to 1 where the logarithm of
