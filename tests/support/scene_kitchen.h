@@ -39,7 +39,7 @@ static void kitchen_paint(struct scene *s, struct kitchen_paint *p)
 	p->orange = gloss(s, 0.85, 0.38, 0.06, 0.4);
 	p->apple = gloss(s, 0.42, 0.55, 0.10, 0.3);
 	p->window = light(s, 0.82, 0.92, 1.0, 14);
-	p->lamp = light(s, 1.0, 0.80, 0.56, 42);
+	p->lamp = light(s, 1.0, 0.80, 0.56, 12.7);
 	p->white = gloss(s, 0.78, 0.78, 0.76, 0.35);
 }
 
@@ -296,7 +296,7 @@ static void kitchen_rest(struct scene *s, const struct kitchen_paint *p)
 	thing(s, &m, p->red, at(0.45, 2.0, -0.15));
 	tube(&m, at(0, 0, 0), cord, COUNT(cord), 0.004, 0.004, 1, 6);
 	thing(s, &m, p->black, at(0.45, 2.05, -0.15));
-	glowing_disc(s, p->lamp, p3(0.45, 2.03, -0.15), 0.11);
+	glowing_disc(s, p->lamp, p3(0.45, 2.03, -0.15), 0.2);
 	block(s, p->wood, p3(-0.9, 0.70, 1.1), p3(0.5, 0.74, 1.9), 0.006); /* table */
 	for (int i = 0; i < 4; i++)
 		block(s, p->wood, p3(i & 1 ? 0.38 : -0.84, 0, i & 2 ? 1.78 : 1.16),
