@@ -14,11 +14,11 @@ export OMP_WAIT_POLICY=${OMP_WAIT_POLICY:-passive}
 usage() {
 	cat <<'END'
 usage: adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
-  -n SPP      what each pass costs, in plain samples a pixel (16)
+  -n SPP      what each pass costs, in plain samples a pixel (32)
   -p PASSES   passes in all, 1 to 99 (3)
   -g WHAT     gradients: where they pay (auto), with every sample (all), or never (none)
   -u          uniform: every pass is even
-  -f SPP      the same of the first pass (as the others)
+  -f SPP      the same of the first pass (a third)
   -d TOOL     denoiser of the result: gdapr or gdlwr (gdapr)
   -b BINS     bins of a pass, 4 to 64 (8)
   -c COST     of a sample with gradients, in plain ones (measured, by two plain samples a pixel)
@@ -31,7 +31,7 @@ END
 
 fail() { echo "adaptive.sh: $*" >&2; exit 2; }
 
-spp=16 passes=3 gradients=auto uniform="" first="" denoiser=gdapr bins=8 cost="" seed=1 keep="" quiet=""
+spp=32 passes=3 gradients=auto uniform="" first="" denoiser=gdapr bins=8 cost="" seed=1 keep="" quiet=""
 while getopts n:p:g:uf:d:b:c:s:k:qh o; do
 	case $o in
 	n) spp=$OPTARG ;;
@@ -56,6 +56,7 @@ shift 2
 [ "${1:-}" = -- ] && shift
 more=("$@")
 [[ $passes =~ ^[1-9][0-9]?$ ]] || fail "-p $passes: expected 1 to 99"
+[[ $spp =~ ^[0-9]+([.][0-9]+)?$ && ${first:-1} =~ ^[0-9]+([.][0-9]+)?$ ]] || fail "-n $spp -f $first: expected numbers"
 [[ $gradients =~ ^(auto|all|none)$ ]] || fail "-g $gradients: expected auto, all or none"
 [[ $denoiser =~ ^(gdapr|gdlwr)$ ]] || fail "-d $denoiser: expected gdapr or gdlwr"
 for tool in gdrender gdmerge gdfeature gdapr gdsample "$denoiser"; do
@@ -106,9 +107,9 @@ measure() {
 
 # So many samples a pixel, all with gradients or none.
 even() {
-	local n=$1 with=1
-	[ "$gradients" = none ] && with=0
-	[ $with = 1 ] && n=$(awk -v n="$n" -v c="${cost:-$usual}" 'BEGIN { n = int(n / c + 0.5); print (n > 1 ? n : 1) }')
+	local n with=1 each=${cost:-$usual}
+	if [ "$gradients" = none ]; then with=0 each=1; fi
+	n=$(awk -v n="$1" -v c="$each" 'BEGIN { n = int(n / c + 0.5); print (n > 1 ? n : 1) }')
 	render=(--spp "$n" --gradients "$with")
 }
 
@@ -138,7 +139,7 @@ plan() {
 for ((i = 1; i <= passes; i++)); do
 	pass=$dir/pass$i.exr
 	if ((i == 1)); then
-		even "${first:-$spp}"
+		even "${first:-$(awk -v n="$spp" 'BEGIN { print n / 3 }')}"
 	elif [ -n "$uniform" ] && [ "$gradients" != auto ]; then
 		even "$spp"
 	else

@@ -7,7 +7,7 @@
 #	path		plain samples, as they are; path-apr, path-lwr: denoised with G-buffers
 #	gpt-l2, gpt-l1	gradients with every sample, solved; gpt-apr, gpt-lwr: gdfeature, then denoised
 #	pairs-l2 ...	gradients between pixels that look alike in a render of 4 plain samples, solved
-#	...-adaptive	three passes of examples/adaptive.sh, the first with a quarter of the budget
+#	...-adaptive	three passes of examples/adaptive.sh, the first small, for what it spends on finding out
 #	mixed...	gradients where they pay
 # OUT/NAME.BUDGET/ holds the images; passes and maps of METHOD are in METHOD.exr.passes.
 # REFERENCES/NAME.exr is what they are measured against. What is in OUT already is not rendered again.
@@ -49,7 +49,8 @@ made() {	# FILE COMMAND...
 render() { gdrender -q "${plain[@]}" "${args[@]}" --size "$size" "${@:1:$#-1}" "$scenes/$name.gltf" "${@: -1}"; }
 adaptive() {
 	rm -rf "${*: -1}.passes"
-	adaptive.sh -q -k "${*: -1}.passes" -f "$((n / 4))" -n "$(awk -v n="$n" 'BEGIN { print n * 3 / 8 }')" -b "$bins" \
+	adaptive.sh -q -k "${*: -1}.passes" -f "$first" -n "$(awk -v n="$n" -v f="$first" 'BEGIN { print (n - f) / 2 }')" \
+		-b "$bins" \
 		"${@:1:$#-1}" "$scenes/$name.gltf" "${@: -1}" -- "${args[@]}" --size "$size"
 }
 feature() { gdfeature -q "${plain[@]}" "$@"; }
@@ -104,7 +105,7 @@ for name; do
 		dir=$out/$name.$n
 		mkdir -p "$dir"
 		with=$(awk -v n="$n" -v c="$cost" 'BEGIN { n = int(n / c + 0.5); print (n > 1 ? n : 1) }')
-		bins=$((n / 4 / 2 >= 8 ? 8 : 4))
+		first=$((n < 20 ? n / 2 : n < 80 ? 10 : n / 8)) bins=$((first >= 20 ? 8 : 4))
 		for m in $methods; do
 			method "$m" || continue
 			row "$m" | tee -a "$out/render.tsv"
