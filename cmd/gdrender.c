@@ -115,6 +115,10 @@ static int settle(struct job *job, struct gd_err *err)
 	conf->spp = opt->spp || opt->time > 0 ? opt->spp : SPP;
 	conf->share = opt->share;
 	conf->bins = opt->bins;
+	if (!opt->map[SAMPLING] && !(opt->time > 0) && conf->spp < conf->bins) {
+		conf->bins = conf->spp > 1 ? conf->spp : 0;
+		gd_note(&job->cli.report, "%d bins, as there are no more samples", conf->bins);
+	}
 	conf->seconds = opt->time;
 	conf->reuse = opt->reuse;
 	conf->seed = opt->seed;

@@ -346,16 +346,18 @@ static int join_places(struct gd_merge *m, int i, const struct gd_image *im, str
 
 /*
  * Each unit of the input goes into the bin with the fewest samples so far (in the mean over the
- * image); equal units go round in turn.
+ * image); equal units go round in turn. Bins of an input stay on their side, even or odd: those of a
+ * side may hold the same samples.
  */
 static void assign_units(struct gd_merge *m, int i, double samples)
 {
 	const struct merge_input *in = &m->input[i];
 
 	for (int u = 0; u < in->units && m->bins; u++) {
-		int least = m->lockstep ? u : 0;
+		const int step = in->units > 1 ? 2 : 1;
+		int least = m->lockstep ? u : u % step;
 
-		for (int b = 1; b < m->bins && !m->lockstep; b++)
+		for (int b = least + step; b < m->bins && !m->lockstep; b += step)
 			if (m->bin_samples[b] < m->bin_samples[least] * (1 - 1e-9))
 				least = b;
 		m->bin_samples[least] += samples / in->units;

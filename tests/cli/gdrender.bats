@@ -69,7 +69,9 @@ small() { "$gdrender" -q --size 24x18 --compression none "$scene" "$@"; }
 	small --spp 8 --bins 4 -o four.exr
 	names four.exr | grep -q "bin3.R" && ! names four.exr | grep -q "bin4"
 	small --spp 1 -o one.exr
-	! names one.exr | grep -q variance
+	! names one.exr | grep -qE "variance|bin"
+	small --spp 3 -o three.exr
+	names three.exr | grep -q "bin2.R" && ! names three.exr | grep -q "bin3.R"
 	# half of the samples trace offset paths: gradients are worth less than the samples say
 	small --spp 8 --bins 4 --gradients 0.5 -o half.exr
 	[ "$(val half.exr dx.samples 3 3)" = 4 ]
