@@ -15,7 +15,7 @@
 
 static struct shot picture(const struct gd_scene *scene, int spp, float ratio)
 {
-	struct shot s = { .w = W, .h = H, .scene = scene, .ring = NEXT, .spp = spp / FEWER + 1, .seed = 9 };
+	struct shot s = { .w = W, .h = H, .scene = scene, .ring = NEXT, .spp = spp + 1, .seed = 9 };
 
 	s.conf = (struct gd_path_conf){ .depth = 8, .shift_ratio = ratio, .ambient = 0.01f, .mis = true };
 	shoot(&s);

@@ -131,7 +131,7 @@ static struct shot base(const struct test_case *t, const struct gd_scene *scene)
 {
 	struct shot s = { .w = W, .h = H, .scene = scene, .uneven = t->uneven };
 
-	s.spp = ((t->spp ? t->spp : SPP) / FEWER + ROUNDS - 1) / ROUNDS;
+	s.spp = ((t->spp ? t->spp : SPP) + ROUNDS - 1) / ROUNDS;
 	s.conf = (struct gd_path_conf){ .depth = t->depth ? t->depth : 8, .mis = !t->off,
 					.shift_ratio = t->ratio > 0 ? t->ratio : INFINITY };
 	return s;
@@ -195,6 +195,9 @@ static void test_all(void **state)
 {
 	const struct gd_material paint = matter(0.7f), grey = matter(0.5f);
 	const struct gd_material varnish = plastic(0.4f, 0.15f), silk = plastic(0.4f, 0.3f);
+	struct gd_material half = metal(0.9f, 0.15f);
+
+	half.metallic = 0.5f;
 	const struct test_case c[] = {
 		CASE("direct", paint, grey, LAMP, .depth = 2),
 		CASE("diffuse", paint, grey, LAMP),
@@ -213,16 +216,19 @@ static void test_all(void **state)
 		CASE("map", varnish, glass(0.1f), MAP | LAMP),
 		CASE("ratio 20", varnish, glass(0.2f), LAMP, .ratio = 20),
 		CASE("ratio 2", varnish, grey, LAMP, .ratio = 2),
-		CASE("stripes", matter(0.9f), matter(0.05f), 0, .make = stripes_new),
-		CASE("glossy stripes", silk, metal(0.05f, 0.5f), 0, .make = stripes_new),
-		CASE("mirror stripes", metal(0.95f, 0), metal(0.05f, 0), 0, .make = stripes_new),
+		CASE("stripes", matter(0.9f), matter(0.05f), 0, .make = stripes_new, .spp = 800),
+		CASE("glossy stripes", silk, metal(0.05f, 0.5f), 0, .make = stripes_new, .spp = 800),
+		CASE("mirror stripes", metal(0.95f, 0), metal(0.05f, 0), 0, .make = stripes_new, .spp = 800),
+		CASE("glossy corner", paint, metal(0.9f, 0.3f), 0, .make = corner_new),
+		CASE("sharp corner", paint, half, 0, .make = corner_new),
 		CASE("knight", varnish, metal(0.6f, 0.3f), LAMP | MAP, .ring = KNIGHT,
 		     .uneven = true),
 	};
 
 	(void)state;
-	for (size_t i = 0; i < sizeof c / sizeof c[0]; i++)
-		check(&c[i]);
+	for (size_t i = 0; i < sizeof c / sizeof c[0]; i++)	/* ONLY: a part of a name */
+		if (!getenv("ONLY") || strstr(c[i].name, getenv("ONLY")))
+			check(&c[i]);
 }
 
 int main(void)

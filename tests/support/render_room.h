@@ -74,4 +74,19 @@ static inline struct gd_scene *stripes_new(const struct room *r)
 	return finished(s);
 }
 
+/* A narrow corner under a ceiling that shines: the walls are what the ball is made of elsewhere. */
+static inline struct gd_scene *corner_new(const struct room *r)
+{
+	struct gd_scene *s = scene_new();
+	struct gd_material shine = matter(0);
+
+	shine.emission = gd_v3(1, 0.8f, 0.6f);
+	const uint32_t floor = add_material(s, r->floor), wall = add_material(s, r->ball);
+	const uint32_t six[6] = { wall, wall, floor, add_material(s, shine), wall, wall };
+
+	add_box(s, gd_v3(0, 0, 0), gd_v3(0.5f, 1, 0.4f), six, true);
+	look_at(s, gd_v3(0.4f, 0.6f, 0.3f), gd_v3(0, 0, 0), 0.7f, 16.f / 12);
+	return finished(s);
+}
+
 #endif

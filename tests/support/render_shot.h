@@ -9,12 +9,6 @@
 #include "render/path.h"
 #include "render_scene.h"
 
-#if defined(__SANITIZE_ADDRESS__)
-#define FEWER 4		/* the sanitizers cost that much; the tests' limits are in standard errors */
-#else
-#define FEWER 1
-#endif
-
 struct stat {
 	double n, s, s2;
 };
