@@ -147,12 +147,13 @@ static double albedo(const struct gd_material *m, double c, bool inside)
 
 	for (int i = 0; i < n; i++)
 		for (int j = 0; j < n; j++) {
-			const double u = (i + 0.5) / n, t2 = a * a * u / (1 - u), hz = 1 / sqrt(1 + t2);
+			const double left = (i + 0.5) / n, u = 1 - left * left;	/* du = 2 left: even steps at u = 1 */
+			const double t2 = a * a * u / (1 - u), hz = 1 / sqrt(1 + t2);
 			const double hx = sqrt(t2) * hz * cos(2 * PI_ * (j + 0.5) / n);
 			const double oh = so * hx + c * hz, d = oh > 0 ? fresnel(oh, eta) : 0;
 			const double f = (1 - metallic) * d +
 					 metallic * (base + (1 - base) * pow(1 - oh, 5));
-			const double iz = 2 * oh * hz - c, w = oh / (c * hz);
+			const double iz = 2 * oh * hz - c, w = 2 * left * oh / (c * hz);
 			const double tz = c / eta - (oh / eta - sqrt(fmax(1 - (1 - oh * oh) / eta / eta, 0))) * hz;
 
 			if (oh <= 0)
