@@ -10,8 +10,9 @@
 #include "spending_trial.h"
 
 #define DARK	0.25	/* of the mean luminance: errors below count as they are */
-#define MOST	1.0	/* a pixel's squared relative error counts no more: fireflies are not for
-			 * one pixel to decide by */
+#define MOST	1000.0	/* of a pixel's squared relative error. Not lower, and the same for d and e:
+			 * rare bright samples tell against images that are too dark, and those with
+			 * few samples have none */
 #define LEAST	0.25	/* of the mean of e: the least that d is compared with */
 
 /* What is known of a pixel, and becomes known of its region by blurring. */
@@ -197,7 +198,7 @@ static void decide(struct job *j, struct gd_plane share, struct gd_spending_resu
 		for (int x = 0; x < share.w; x++) {
 			struct region a = region(j, x, y);
 			double lost = disadvantage(j, a);
-			double s = fmin(fmax(0.5 - lost / (2 * j->conf->width), 0), 1);
+			double s = fmin(fmax(-lost / j->conf->width, 0), 1);
 
 			gd_row(share, y)[x] = (float)s;
 			part[0] += s;

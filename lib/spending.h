@@ -20,8 +20,8 @@
  *
  * Plain samples would bring the error down by c^-p, p = 4 / (d + 4), in the same time (sampling.h).
  * Gradients pay where (1 + R*) c^p < 1; the share of samples goes from 0 to 1 where the logarithm of
- * that goes from `width` to -`width`. Not less: a feature made from a few gradients costs more than
- * it gains, so that what pays at all pays for all samples.
+ * that goes from 0 to -`width`. Most regions have all or nothing: a feature made from a few gradients
+ * costs more than it gains.
  */
 #ifndef GD_SPENDING_H
 #define GD_SPENDING_H
@@ -36,12 +36,12 @@ struct gd_spending_conf {
 	double cost;		/* c, 1 .. 100 */
 	double dimension;	/* d, 0 .. 100, as in sampling.h */
 	double blur_px;		/* standard deviation of the blur of d and e, 1 .. 10 */
-	double width;		/* half width of the step from all to none, > 0, in log error */
+	double width;		/* of the step from none to all, > 0, in log error */
 	double grows;		/* what the log of 1 + R* is taken to fall by until the last pass:
 				 * more samples make better features */
 };
 #define GD_SPENDING_DEFAULTS ((struct gd_spending_conf){ \
-	.cost = 2, .dimension = 4, .blur_px = 8, .width = 0.1, .grows = 0.15 })
+	.cost = 2, .dimension = 4, .blur_px = 8, .width = 0.2, .grows = 0.15 })
 
 struct gd_spending_result {
 	double share;		/* mean of the map */
