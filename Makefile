@@ -146,14 +146,14 @@ scenes: $(O)/tests/support/mkscenes
 	@$(O)/tests/support/mkscenes testdata/scenes
 
 # Hours; goes on where it was stopped. SCENES="kitchen door": these alone.
-references: core
+references: all
 	@tests/references.sh $(B) testdata/scenes build/references $(SCENES)
 
 # Adaptive rendering of one scene of testdata/scenes; LOOP: options of examples/adaptive.sh.
 SCENE ?= kitchen
 LOOP ?=
 LOOP_SIZE ?= 320x240
-loop: core
+loop: all
 	@mkdir -p build/loop
 	@PATH="$(abspath $(B)):$$PATH" examples/adaptive.sh $(LOOP) testdata/scenes/$(SCENE).gltf build/loop/$(SCENE).exr -- \
 		--size $(LOOP_SIZE) $$(cat testdata/scenes/$(SCENE).args)
