@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "buffers.h"
 #include "cli.h"
 #include "crop.h"
 #include "render/render.h"
@@ -103,7 +102,8 @@ static int settle(struct job *job, struct gd_err *err)
 	if (rc != GD_OK)
 		return rc;
 	if (!strcmp(job->cli.input, "-"))
-		return gd_fail(err, GD_EARG, "a scene is not read from standard input: name its file");
+		return gd_fail(err, GD_EARG,
+			       "a scene is not read from standard input: name its file");
 	if (opt->environment && opt->sky)
 		return gd_fail(err, GD_EARG, "--environment and --sky are two skies: give one");
 	if (opt->focus > 0 && !(opt->aperture > 0))
@@ -111,7 +111,8 @@ static int settle(struct job *job, struct gd_err *err)
 	if (opt->bins == 1)
 		return gd_fail(err, GD_EARG, "--bins 1: expected 0, or 2 to %d", GD_RENDER_BINS);
 	if (opt->map[SAMPLING] && opt->spp)
-		return gd_fail(err, GD_EARG, "--spp and --sampling both tell the samples: give one");
+		return gd_fail(err, GD_EARG,
+			       "--spp and --sampling both tell the samples: give one");
 	conf->spp = opt->spp || opt->time > 0 ? opt->spp : SPP;
 	conf->share = opt->share;
 	conf->bins = opt->bins;
@@ -134,25 +135,6 @@ static const char *called(const char *path)
 	return strcmp(path, "-") ? path : "stdin";
 }
 
-/* pairK.x, pairK.y; without them the features that they are made from. */
-static void want_pairs(struct gd_image *im)
-{
-	bool kept = false;
-
-	for (int i = 0; i < im->nchan; i++) {
-		const char *name = im->chan[i].name, *dot = strchr(name, '.');
-
-		if (!strncmp(name, "pair", 4) && dot && (!strcmp(dot, ".x") || !strcmp(dot, ".y"))) {
-			im->chan[i].want = GD_READ;
-			kept = true;
-		}
-	}
-	for (int k = 0; k < GD_PAIR_FEATURES && !kept; k++) {
-		gd_layer_want(im, gd_pair_features[k], GD_READ);
-		gd_layer_want_variance(im, gd_pair_features[k], GD_READ);
-	}
-}
-
 /* Marks what a file is read for: it may be several maps in one. */
 static int want_maps(struct job *job, const char *path, struct gd_image *im, struct gd_err *err)
 {
@@ -165,7 +147,7 @@ static int want_maps(struct job *job, const char *path, struct gd_image *im, str
 			continue;
 		job->map[i] = im;
 		if (i == PAIRS) {
-			want_pairs(im);
+			gd_pairs_want(im);
 			continue;
 		}
 		found = gd_image_find(im, map_channel[i]);

@@ -299,7 +299,7 @@ int main(int argc, char **argv)
 		GD_FLAG(0, "paper", &opt.paper,
 			"the method as published: in proportion to what one more sample gains"),
 		GD_OPT(0, "gradients", "FILE", &opt.gradients,
-		       "say which samples should trace gradients, too, from the bins of this buffer"),
+		       "say which samples should trace gradients, too, from this buffer's bins"),
 		GD_NUM(0, "gradient-cost", "C", &opt.cost, 1, 100,
 		       "cost of a sample with gradients, in plain samples"),
 		GD_OPT('s', "seed", "NUMBER", &opt.seed, "seed of the rounding to whole numbers"),

@@ -33,7 +33,10 @@ static int choose_method(struct job *job, struct gd_err *err)
 	return gd_fail(err, GD_EARG, "--method \"%s\": expected ols, wls, l2 or l1", job->method);
 }
 
-/* Gradients, bins and variances are used up; with --layer the colour is not touched and a denoiser may follow. */
+/*
+ * Gradients, bins and variances are used up; with --layer the colour is not touched and a denoiser
+ * may follow.
+ */
 static void drop_used(struct gd_image *im)
 {
 	static const char *const layer[] = { "dx", "dy" };

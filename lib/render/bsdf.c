@@ -14,20 +14,9 @@
 
 enum lobe { DIFFUSE, REFLECTION, TRANSMISSION };
 
-/* One instruction each, which fminf() and fmaxf() are not. x NaN: limit. */
-static inline float at_least(float x, float limit)
-{
-	return x > limit ? x : limit;
-}
-
-static inline float at_most(float x, float limit)
-{
-	return x < limit ? x : limit;
-}
-
 static inline float clamp01(float x)
 {
-	return at_most(at_least(x, 0), 1);
+	return gd_at_most(gd_at_least(x, 0), 1);
 }
 
 static inline struct gd_v3 colour(struct gd_v3 a)
@@ -109,7 +98,7 @@ static inline struct gd_v3 reflectance(const struct gd_bsdf *b, float c, float d
 
 	if (b->metallic == 0)
 		return gd_v3(a, a, a);
-	const float k = at_least(1 - c, 0), k5 = k * k * k * k * k, g = a + b->metallic * k5;
+	const float k = gd_at_least(1 - c, 0), k5 = k * k * k * k * k, g = a + b->metallic * k5;
 
 	return gd_mad(gd_v3(g, g, g), 1 - k5, b->f0);
 }
@@ -157,7 +146,7 @@ static inline struct gd_v3 reflection_at(const struct gd_bsdf *b, struct gd_v3 o
 	*pdf = 0;
 	if (!(q > 1e-20f))	/* both within the surface, opposite */
 		return gd_v3(0, 0, 0);
-	return ggx_reflect(b, o.z, i.z, at_most(0.5f * sqrtf(v2), 1), v2 / q, pdf);
+	return ggx_reflect(b, o.z, i.z, gd_at_most(0.5f * sqrtf(v2), 1), v2 / q, pdf);
 }
 
 /* Transmission at i, i.z < 0. */
@@ -174,14 +163,14 @@ static inline struct gd_v3 transmission_at(const struct gd_bsdf *b, struct gd_v3
 
 	if (!(oh > 0 && ih < 0))	/* no microfacet refracts so */
 		return gd_v3(0, 0, 0);
-	return ggx_refract(b, o.z, -i.z, at_most(oh, 1), -ih, v2, v2 / q, pdf);
+	return ggx_refract(b, o.z, -i.z, gd_at_most(oh, 1), -ih, v2, v2 / q, pdf);
 }
 
 /* A microfacet normal among those that o sees (Dupuy and Benyoub 2023). */
 static struct gd_v3 visible_normal(float alpha, struct gd_v3 o, float u, float v)
 {
 	const struct gd_v3 w = gd_unit(gd_v3(alpha * o.x, alpha * o.y, o.z));
-	const float hz = (1 - v) * (1 + w.z), z = hz - w.z, r = sqrtf(at_least(1 - z * z, 0));
+	const float hz = (1 - v) * (1 + w.z), z = hz - w.z, r = sqrtf(gd_at_least(1 - z * z, 0));
 	float sine, cosine;
 
 	sincosf(2 * PI * u, &sine, &cosine);
@@ -214,12 +203,12 @@ static inline bool refract(float eta, struct gd_v3 o, struct gd_v3 h, struct gd_
  */
 static float usual_reflected(const struct gd_bsdf *b, float z)
 {
-	const float a = b->alpha, rho2 = at_least(1 - z * z, 0), l = sqrtf(a * a * rho2 + z * z);
+	const float a = b->alpha, rho2 = gd_at_least(1 - z * z, 0), l = sqrtf(a * a * rho2 + z * z);
 	const float hz = 0.5f * (l + z), c = (a * a * rho2 + z * hz) /
 					     sqrtf(a * a * a * a * rho2 + hz * hz);
 
-	return 0.5f * (fresnel(at_least(c - 0.5f * a, 0), b->eta) +
-		       fresnel(at_most(c + 0.5f * a, 1), b->eta));
+	return 0.5f * (fresnel(gd_at_least(c - 0.5f * a, 0), b->eta) +
+		       fresnel(gd_at_most(c + 0.5f * a, 1), b->eta));
 }
 
 /*
@@ -236,14 +225,14 @@ static bool chances(struct gd_bsdf *b)
 		       (1 - usual) * gd_luma(b->pass) };
 
 	if (b->alpha >= GD_SMOOTH && shines)
-		e[REFLECTION] = at_least(e[REFLECTION], FAINT);
+		e[REFLECTION] = gd_at_least(e[REFLECTION], FAINT);
 	if (frosted)
-		e[TRANSMISSION] = at_least(e[TRANSMISSION], FAINT);
+		e[TRANSMISSION] = gd_at_least(e[TRANSMISSION], FAINT);
 
 	const float least = LEAST * (e[0] + e[1] + e[2]);
 
 	for (int k = 0; k < 3; k++)
-		e[k] = e[k] > 0 ? at_least(e[k], least) : 0;
+		e[k] = e[k] > 0 ? gd_at_least(e[k], least) : 0;
 
 	const float all = e[0] + e[1] + e[2], r = all > 0 ? 1 / all : 0;
 	const bool rough[3] = { true, b->alpha >= GD_SHARP, b->through >= GD_SHARP };
@@ -274,7 +263,7 @@ static bool look(struct gd_bsdf *b, struct gd_v3 wo)
 			b->chance[k] = b->share[k] = 0;
 		return false;
 	}
-	b->wo.z = side * at_most(side * b->wo.z, 1);
+	b->wo.z = side * gd_at_most(side * b->wo.z, 1);
 	b->reflected = b->metallic < 1 ? fresnel(side * b->wo.z, b->eta) : 0;
 	b->slant = slant(b->alpha * b->alpha, b->wo.z);
 	return chances(b);
@@ -314,7 +303,7 @@ bool gd_bsdf_at(struct gd_bsdf *b, const struct gd_scene *scene, const struct gd
 	b->pass = gd_scale(base, (1 - m) * t);
 	b->f0 = gd_scale(base, m);
 	b->metallic = m;
-	b->ior = at_most(at_least(mat->ior, 1), INDEX);
+	b->ior = gd_at_most(gd_at_least(mat->ior, 1), INDEX);
 	if (b->ior < 1 + STRAIGHT)
 		b->ior = 1;
 	b->alpha = r * r;
@@ -341,7 +330,7 @@ static inline struct gd_v3 rough_at(const struct gd_bsdf *b, struct gd_v3 i, flo
 	if (i.z > 0) {
 		if (b->share[DIFFUSE] > 0) {
 			const float c = i.z / PI;
-			const float d = fresnel(at_most(i.z, 1), b->eta);
+			const float d = fresnel(gd_at_most(i.z, 1), b->eta);
 
 			f = gd_scale(b->diffuse, c * (1 - b->reflected) * (1 - d));
 			p = b->share[DIFFUSE] * c;
@@ -398,7 +387,7 @@ static bool sharp_event(const struct gd_bsdf *b, struct gd_v3 o, struct gd_v3 i,
 			struct gd_scatter *s)
 {
 	const struct gd_v3 h = s->copy;
-	const float oh = at_most(gd_dot(o, h), 1);
+	const float oh = gd_at_most(gd_dot(o, h), 1);
 	const float t = 1 / (h.x * h.x + h.y * h.y + b->alpha * b->alpha * h.z * h.z);
 
 	if (s->event == GD_REFLECT) {

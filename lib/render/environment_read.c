@@ -3,8 +3,7 @@
 
 #include "exr.h"
 
-/* The three planes of colour; a single channel is all three. */
-static bool find_rgb(const struct gd_image *im, int channel[3])
+bool gd_find_rgb(const struct gd_image *im, int channel[3])
 {
 	static const char *const name[] = { "R", "G", "B" };
 
@@ -48,7 +47,7 @@ int gd_environment_read(struct gd_environment *e, const char *path, const struct
 	int channel[3], rc = gd_exr_open(&file, &im, path, NULL, err);
 	size_t mended;
 
-	if (rc == GD_OK && !find_rgb(&im, channel))
+	if (rc == GD_OK && !gd_find_rgb(&im, channel))
 		rc = gd_fail(err, GD_ESHAPE, "%s: no channels R G B", path);
 	for (int i = 0; rc == GD_OK && i < im.nchan; i++)
 		im.chan[i].want = i == channel[0] || i == channel[1] || i == channel[2] ? GD_READ :
@@ -60,11 +59,11 @@ int gd_environment_read(struct gd_environment *e, const char *path, const struct
 		if (!e->rgb)
 			rc = gd_fail(err, GD_ENOMEM, "%s: out of memory", path);
 	}
-	if (rc == GD_OK && find_rgb(&im, channel)) {
+	if (rc == GD_OK && gd_find_rgb(&im, channel)) {
 		mended = take(e, &im, channel);
 		if (mended)
-			gd_note(report, "%s: %zu numbers that are negative, not finite or above 1e30 "
-					"count as 0", path, mended);
+			gd_note(report, "%s: %zu numbers that are negative, not finite or above "
+					"1e30 count as 0", path, mended);
 	}
 	gd_exr_close(file);
 	gd_image_free(&im);

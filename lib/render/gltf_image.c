@@ -11,6 +11,7 @@
 #include <strings.h>
 
 #include "plugin.h"
+#include "render/impl.h"
 
 static float encode(float v)
 {
@@ -28,19 +29,11 @@ static float encode_exact(float v)
 	return rintf(encode(v) * 65535) / 65535;
 }
 
-/* The channels that are red, green and blue; grey is all three. */
-static bool find_rgb(const struct gd_image *im, int channel[3])
+/* The channels that are red, green and blue; without such names the first is all three. */
+static bool find_channels(const struct gd_image *im, int channel[3])
 {
-	static const char *const name[] = { "R", "G", "B" };
-
-	for (int k = 0; k < 3; k++)
-		channel[k] = gd_image_find(im, name[k]);
-	if (channel[0] >= 0 && channel[1] >= 0 && channel[2] >= 0)
-		return true;
-	channel[0] = gd_image_find(im, "Y");
-	if (channel[0] < 0)
-		channel[0] = 0;
-	channel[1] = channel[2] = channel[0];
+	if (!gd_find_rgb(im, channel))
+		channel[0] = channel[1] = channel[2] = 0;
 	return im->nchan > 0;
 }
 
@@ -95,18 +88,18 @@ int gd_texture_read(struct gd_texture *t, const char *path, const struct gd_byte
 	const bool whole = !ends(path, ".exr") && !ends(path, ".hdr");
 	int channel[3], rc;
 
-	rc = gd_plugin_open(&file, &im, path, bytes ? bytes->data : NULL, bytes ? bytes->size : 0, 0,
-			    err);
+	rc = gd_plugin_open(&file, &im, path, bytes ? bytes->data : NULL, bytes ? bytes->size : 0,
+			    0, err);
 	if (rc != GD_OK)
 		return rc;
-	if (!find_rgb(&im, channel))
+	if (!find_channels(&im, channel))
 		rc = gd_fail(err, GD_EFORMAT, "%s: no channels", path);
 	for (int i = 0; i < im.nchan; i++)
 		im.chan[i].want = i == channel[0] || i == channel[1] || i == channel[2] ? GD_READ :
 											  GD_DROP;
 	if (rc == GD_OK)
 		rc = gd_plugin_load(file, &im, err);
-	if (rc == GD_OK && find_rgb(&im, channel))	/* what is dropped has moved them */
+	if (rc == GD_OK && find_channels(&im, channel))	/* what is dropped has moved them */
 		rc = take(t, &im, channel, whole, data, path, err);
 	gd_plugin_close(file);
 	gd_image_free(&im);

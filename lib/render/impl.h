@@ -3,13 +3,14 @@
 #ifndef GD_RENDER_IMPL_H
 #define GD_RENDER_IMPL_H
 
+#include "image.h"
 #include "render/scene.h"
 
 /*
  * Distribution of n weights (>= 0, finite) as a step function for numbers of 24 bits: cdf[n + 1],
  * from 0 to 1, is made of whole multiples of 2^-24, and every weight above 0 has at least one of
- * them while there are less than 2^24 of those. cdf[i + 1] - cdf[i] is thus the exact probability of
- * i. If no weight is above 0, all is 0. Returns their sum.
+ * them while there are less than 2^24 of those. cdf[i + 1] - cdf[i] is thus the exact probability
+ * of i. If no weight is above 0, all is 0. Returns their sum.
  */
 double gd_cdf_fill(float *cdf, const double *weight, size_t n);
 /* The i with cdf[i] <= x < cdf[i + 1]; x in [0, 1). */
@@ -20,6 +21,9 @@ int gd_environment_prepare(struct gd_scene *scene, struct gd_err *err);
 int gd_light_prepare(struct gd_scene *scene, struct gd_err *err);
 int gd_ray_prepare(struct gd_scene *scene, struct gd_err *err);
 void gd_ray_drop(struct gd_scene *scene);
+
+/* The channels R G B of an image, or Y three times; false if it has neither. */
+bool gd_find_rgb(const struct gd_image *im, int channel[3]);
 
 /* Fills w, h and rgb. */
 int gd_environment_read(struct gd_environment *e, const char *path, const struct gd_report *report,
@@ -32,26 +36,32 @@ float gd_environment_density(const struct gd_scene *scene, struct gd_v3 d);
 
 #define GD_FARTHEST 1e15f	/* metres: products of three coordinates do not overflow */
 
-static inline bool gd_finite(struct gd_v3 v)
+/* (b - a) x (c - a): along the normal, twice the area long. In doubles: that of a needle, too, is
+ * exact. */
+static inline void gd_triangle_cross(const struct gd_scene *s, const uint32_t vertex[3],
+				     double n[3])
 {
-	return isfinite(v.x) && isfinite(v.y) && isfinite(v.z);
+	const struct gd_v3 a = s->vertex[vertex[0]], b = s->vertex[vertex[1]],
+			   c = s->vertex[vertex[2]];
+	const double e[3] = { (double)b.x - a.x, (double)b.y - a.y, (double)b.z - a.z },
+		     f[3] = { (double)c.x - a.x, (double)c.y - a.y, (double)c.z - a.z };
+
+	n[0] = e[1] * f[2] - e[2] * f[1];
+	n[1] = e[2] * f[0] - e[0] * f[2];
+	n[2] = e[0] * f[1] - e[1] * f[0];
 }
 
-/* Of length 1; false, and out alone, for a triangle without area. In doubles: that of a needle, too,
- * is exact. */
+/* Of length 1; false, and out alone, for a triangle without area. */
 static inline bool gd_triangle_normal(const struct gd_scene *s, const struct gd_triangle *t,
 				      struct gd_v3 *n)
 {
-	const struct gd_v3 a = s->vertex[t->vertex[0]], b = s->vertex[t->vertex[1]],
-			   c = s->vertex[t->vertex[2]];
-	const double e[3] = { (double)b.x - a.x, (double)b.y - a.y, (double)b.z - a.z },
-		     f[3] = { (double)c.x - a.x, (double)c.y - a.y, (double)c.z - a.z };
-	const double x = e[1] * f[2] - e[2] * f[1], y = e[2] * f[0] - e[0] * f[2],
-		     z = e[0] * f[1] - e[1] * f[0], l = sqrt(x * x + y * y + z * z);
+	double c[3], l;
 
+	gd_triangle_cross(s, t->vertex, c);
+	l = sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
 	if (!(l > 1e-36 && l < 1e36))	/* square metres */
 		return false;
-	*n = gd_v3((float)(x / l), (float)(y / l), (float)(z / l));
+	*n = gd_v3((float)(c[0] / l), (float)(c[1] / l), (float)(c[2] / l));
 	return true;
 }
 

@@ -9,20 +9,16 @@
 #define PI 3.14159265358979323846
 #define PDF_MAX 1e30f	/* densities stay finite */
 #define PARTS 4		/* a textured emitter is looked at in PARTS^2 parts */
-#define EVEN 0.02	/* share of the chances that all lights get alike: a weak light may be near */
+#define EVEN 0.02	/* share of the chances that all lights get alike: a weak one may be near */
 
 /* --- the list --- */
 
 static float area_of(const struct gd_scene *s, const struct gd_triangle *t)
 {
-	const struct gd_v3 a = s->vertex[t->vertex[0]], b = s->vertex[t->vertex[1]],
-			   c = s->vertex[t->vertex[2]];
-	const double e[3] = { (double)b.x - a.x, (double)b.y - a.y, (double)b.z - a.z },
-		     f[3] = { (double)c.x - a.x, (double)c.y - a.y, (double)c.z - a.z };
-	const double x = e[1] * f[2] - e[2] * f[1], y = e[2] * f[0] - e[0] * f[2],
-		     z = e[0] * f[1] - e[1] * f[0];
+	double c[3];
 
-	return (float)(0.5 * sqrt(x * x + y * y + z * z));
+	gd_triangle_cross(s, t->vertex, c);
+	return (float)(0.5 * sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]));
 }
 
 static struct gd_v3 emission_at(const struct gd_scene *s, const struct gd_material *m, float u,
@@ -43,7 +39,8 @@ static double mean_emission(const struct gd_scene *s, const struct gd_triangle *
 		return (double)gd_luma(emission_at(s, m, 0, 0));
 	for (int i = 0; i < PARTS; i++)
 		for (int j = 0; j < 2 * i + 1; j++) {
-			const float step = 1.f / (3 * PARTS), x = (float)(j / 2 * 3 + 1 + j % 2) * step,
+			const float step = 1.f / (3 * PARTS);
+			const float x = (float)(j / 2 * 3 + 1 + j % 2) * step,
 				    y = (float)((PARTS - 1 - i) * 3 + 1 + j % 2) * step;
 			const float b[3] = { 1 - x - y, x, y };
 			float uv[2];

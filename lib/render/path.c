@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The base path: camera ray, light sampling, scattering, Russian roulette; and what paths add up to. */
+/* The base path: camera ray, light sampling, scattering, roulette; and what paths add up to. */
 #include "render/path.h"
 
 #include <string.h>
@@ -63,17 +63,12 @@ struct gd_v3 gd_walk_reflect(const struct gd_bsdf *b, const struct gd_light_samp
 	return gd_add(f, gd_bsdf_sharp(b, s->d));
 }
 
-static bool finite3(struct gd_v3 a)
-{
-	return isfinite(a.x) && isfinite(a.y) && isfinite(a.z);
-}
-
 /* Leaves out what would make the sum infinite or no number. */
 static void gather(struct gd_v3 *sum, struct gd_v3 a)
 {
 	const struct gd_v3 s = gd_add(*sum, a);
 
-	if (finite3(s))
+	if (gd_finite(s))
 		*sum = s;
 }
 
@@ -173,7 +168,8 @@ static float density_of_light(const struct gd_walk *w, const struct gd_scatter *
 {
 	if (s->event != GD_ROUGH || !w->conf->mis || gd_black(a->radiance))
 		return 0;
-	return a->miss ? gd_environment_pdf(w->scene, s->wi) : gd_light_pdf(w->scene, &a->hit, s->wi);
+	return a->miss ? gd_environment_pdf(w->scene, s->wi) :
+			 gd_light_pdf(w->scene, &a->hit, s->wi);
 }
 
 /* Ambient light, for the gradients alone. */

@@ -15,8 +15,8 @@
 #include "render/impl.h"
 
 #define MANY 2000000		/* triangles beyond which the best tree takes too long to build */
-#define NEAR 0x1p-22f		/* of the largest coordinate: rays start so far off; it only saves tests of
-				   planes */
+#define NEAR 0x1p-22f		/* of the largest coordinate: rays start so far off, which only
+				   saves tests of planes */
 #define START 0x1p-23		/* points on surfaces are rounded once: 2^-24 of each coordinate */
 #define END 0x1p-21		/* of distance and coordinates: d and t were rounded, too */
 #define TURNS 64		/* hits that one ray may have to pass by: triangles in one plane */
@@ -71,16 +71,13 @@ static bool exactly_in_plane(const struct gd_scene *s, uint32_t triangle, struct
 			     double share, double most)
 {
 	const uint32_t *k = s->triangle[triangle].vertex;
-	const struct gd_v3 a = s->vertex[k[0]], b = s->vertex[k[1]], c = s->vertex[k[2]];
-	const double e[3] = { (double)b.x - a.x, (double)b.y - a.y, (double)b.z - a.z },
-		     f[3] = { (double)c.x - a.x, (double)c.y - a.y, (double)c.z - a.z };
-	const double x = e[1] * f[2] - e[2] * f[1], y = e[2] * f[0] - e[0] * f[2],
-		     z = e[0] * f[1] - e[1] * f[0];
-	const double d = x * ((double)p.x - a.x) + y * ((double)p.y - a.y) +
-			 z * ((double)p.z - a.z);
-	const double slack = fabs(x * (double)p.x) + fabs(y * (double)p.y) + fabs(z * (double)p.z);
+	const struct gd_v3 a = s->vertex[k[0]];
+	double n[3], d, slack;
 
-	return fabs(d) <= share * slack + most * (fabs(x) + fabs(y) + fabs(z));
+	gd_triangle_cross(s, k, n);
+	d = n[0] * ((double)p.x - a.x) + n[1] * ((double)p.y - a.y) + n[2] * ((double)p.z - a.z);
+	slack = fabs(n[0] * (double)p.x) + fabs(n[1] * (double)p.y) + fabs(n[2] * (double)p.z);
+	return fabs(d) <= share * slack + most * (fabs(n[0]) + fabs(n[1]) + fabs(n[2]));
 }
 
 /* Does a ray start, or after a length of t end, in the plane of a triangle that it hits? */

@@ -102,10 +102,10 @@ static void light_joined(const struct gd_walk *w, struct gd_offset *o,
 
 /* The same light seen from a vertex of its own; fy as if nothing were between, and the density of
  * BSDF sampling beside it. */
-static void light_own(const struct gd_walk *w, int k, const struct gd_light_sample *s,
+static void light_own(struct gd_walk *w, int k, const struct gd_light_sample *s,
 		      struct rays *r, float by_bsdf[4])
 {
-	struct gd_offset *o = &((struct gd_walk *)w)->o[k];
+	struct gd_offset *o = &w->o[k];
 	struct gd_light_sample again;
 	struct gd_v3 f;
 	float jacobian, pdf;
@@ -257,10 +257,10 @@ static void follow_fresh(struct gd_offset *o, const struct gd_scatter *s,
  * From y_k to the base path's next vertex: join_t, join_q as if nothing were between.
  * dw'/dw = (cos' / d'^2) / (cos / d^2), with the angles at that vertex; 1 if it is far away.
  */
-static void reach(const struct gd_walk *w, int k, const struct gd_scatter *s,
+static void reach(struct gd_walk *w, int k, const struct gd_scatter *s,
 		  const struct gd_arrival *a, struct rays *r)
 {
-	struct gd_offset *o = &((struct gd_walk *)w)->o[k];
+	struct gd_offset *o = &w->o[k];
 	struct gd_v3 d = s->wi, f;
 	float t = INFINITY, jacobian = 1, pdf;
 

@@ -78,6 +78,11 @@ static inline float gd_largest(struct gd_v3 a)
 	return gd_at_least(a.x, gd_at_least(a.y, a.z));
 }
 
+static inline bool gd_finite(struct gd_v3 a)
+{
+	return isfinite(a.x) && isfinite(a.y) && isfinite(a.z);
+}
+
 static inline bool gd_black(struct gd_v3 a)
 {
 	return a.x == 0 && a.y == 0 && a.z == 0;
