@@ -77,7 +77,7 @@ struct gd_cli {
 	char *command;			/* the command line, quoted for a shell */
 	bool progress_shown;		/* a progress line stands on the terminal */
 	double progress_time;		/* when it was drawn */
-	const char *stage;		/* that is going on, since when and how much was done then */
+	const char *stage;		/* going on, since when and how much was done then */
 	double stage_time, stage_done;
 	bool limit_missed;		/* set it: exit status 1 */
 };

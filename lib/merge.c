@@ -346,8 +346,8 @@ static int join_places(struct gd_merge *m, int i, const struct gd_image *im, str
 
 /*
  * Each unit of the input goes into the bin with the fewest samples so far (in the mean over the
- * image); equal units go round in turn. Bins of an input stay on their side, even or odd: those of a
- * side may hold the same samples.
+ * image); equal units go round in turn. Bins of an input stay on their side, even or odd: those of
+ * a side may hold the same samples.
  */
 static void assign_units(struct gd_merge *m, int i, double samples)
 {

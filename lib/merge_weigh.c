@@ -74,8 +74,8 @@ static void weigh(struct gd_merge *m, const struct merge_layer *l, const struct 
 	w->plane = m->weight;
 #pragma omp parallel for schedule(static) if (GD_ACCUM_MANY(m->weight))
 	for (int y = 0; y < m->h; y++) {
-		const float *a = told.v ? gd_row(told, y) : count->plane.v ? gd_row(count->plane, y) :
-									     NULL;
+		const float *a = told.v ? gd_row(told, y) :
+				 count->plane.v ? gd_row(count->plane, y) : NULL;
 		float *row = gd_row(w->plane, y);
 
 		for (int x = 0; x < m->w; x++)

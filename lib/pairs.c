@@ -16,11 +16,11 @@
 #define TAU_ALBEDO 0.001f
 #define TAU_DEPTH 0.01f
 /*
- * Times the expected squared distance of two equal pixels: of normal noise, 1 % (three components) to
- * 5 % (one) of the pairs are beyond.
+ * Times the expected squared distance of two equal pixels: of normal noise, 1 % (three components)
+ * to 5 % (one) of the pairs are beyond.
  */
 #define NOISE 4
-/* Log affinity, a squared distance of 0.02: about there the variance of a gradient reaches a colour's. */
+/* Log affinity, a squared distance of 0.02: there a gradient's variance is about a colour's. */
 #define LIMIT -200.0f
 #define LEAST 2		/* pairs of a pixel, if there is room for them */
 #define ENOUGH 25	/* pixels, 1 / alpha^2: more hardly share their colours in the solution */
@@ -29,8 +29,8 @@
 #define UNLIKE -16.0f	/* noise of a pixel that is like no other: distances are 3 at most */
 
 /*
- * Keys of the order: 0 for log affinities above -2^-7 (affinity > 0.992), then 128 steps a power of 2 up
- * to 2^22, which is beyond (3 + NOISE x 32) / SIGMA^2.
+ * Keys of the order: 0 for log affinities above -2^-7 (affinity > 0.992), then 128 steps a power of
+ * 2 up to 2^22, which is beyond (3 + NOISE x 32) / SIGMA^2.
  */
 #define KEY_FIRST -7
 #define KEY_STEPS 7
@@ -263,7 +263,7 @@ struct choice {
 	const struct gd_pairs *pairs;
 	unsigned char *degree;
 	bool *settled;		/* pixels known to be in a part that is not small */
-	int *part;		/* union-find: the pixel above, or minus the size at a part's root */
+	int *part;		/* union-find: the pixel above, or at a root minus the part's size */
 	int small;		/* parts of fewer than ENOUGH */
 };
 
@@ -342,8 +342,8 @@ static void take(struct choice *c, uint32_t edge, enum why why)
 
 /*
  * First the edges of falling affinity that save a part from being too small, however unlike its
- * ends; then all others that are alike enough, or that a pixel needs which has less than two. Without
- * the first, textures leave islands of five pixels, each with its four edges inside. Without the
+ * ends; then all others that are alike enough, or that a pixel needs which has less than two.
+ * Without the first, textures leave islands of five pixels, each with its four edges inside. Without the
  * limit, pixels whose like have no room left are compared with anything.
  */
 static int take_all(const struct gd_pairs *pairs, const uint32_t *edge, size_t n, size_t alike,

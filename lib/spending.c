@@ -145,8 +145,8 @@ static struct region region(const struct job *j, int x, int y)
 }
 
 /*
- * M, and what of R - M is to be believed. The two ways know no common noise, so that what they vary by
- * together is t, the variance of R, and the noise of their mean is a quarter of their squared
+ * M, and what of R - M is to be believed. The two ways know no common noise, so that what they vary
+ * by together is t, the variance of R, and the noise of their mean is a quarter of their squared
  * difference. Regions count by their errors.
  */
 static void learn(struct job *j)

@@ -121,7 +121,7 @@ static int average(struct gd_image *to, const struct gd_image *im, int bins, int
 	return rc;
 }
 
-/* What a denoiser is to read: the colour's bins, G-buffers, and the gradients' bins if asked for. */
+/* What a denoiser reads: the colour's bins, G-buffers, and the gradients' bins if asked for. */
 static int make_input(struct gd_image *to, const struct gd_trial *t, const struct gd_image *im,
 		      int bins, int half, bool gradients, struct gd_err *err)
 {

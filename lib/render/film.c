@@ -36,12 +36,14 @@ int gd_film_begin(struct gd_film *film, int w, int h, int bins, bool reuse, stru
 	film->v = gd_alloc(n, film->floats * sizeof *film->v);
 	film->count = gd_alloc(n, film->counts * sizeof *film->count);
 	if (!film->v || !film->count)
-		return gd_fail(err, GD_ENOMEM, "out of memory: %d x %d pixels with %d bins take "
-			       "%.1f GB", w, h, film->bins, 1e-9 * gd_film_bytes(w, h, bins, reuse));
+		return gd_fail(err, GD_ENOMEM,
+			       "out of memory: %d x %d pixels with %d bins take %.1f GB", w, h,
+			       film->bins, 1e-9 * gd_film_bytes(w, h, bins, reuse));
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < h; y++) {
 		memset(gd_film_mean(film, 0, y), 0, (size_t)w * film->floats * sizeof *film->v);
-		memset(gd_film_count(film, 0, y), 0, (size_t)w * film->counts * sizeof *film->count);
+		memset(gd_film_count(film, 0, y), 0,
+		       (size_t)w * film->counts * sizeof *film->count);
 	}
 	return GD_OK;
 }
@@ -141,7 +143,7 @@ static void join(const struct gd_film *film, float *mean, const struct gd_visit 
 		const double d = v->mean[i] - (double)mean[i];
 
 		square[i] = narrow((double)square[i] + v->square[i] + d * d * old * n / (old + n));
-		mean[i] = old > 0 ? narrow((double)mean[i] + d * n / (old + n)) : narrow(v->mean[i]);
+		mean[i] = narrow(old > 0 ? (double)mean[i] + d * n / (old + n) : v->mean[i]);
 	}
 }
 

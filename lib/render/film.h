@@ -17,7 +17,7 @@
 /* What a sample brings; offsets of floats. The first film->binned of them are kept of bins, too. */
 enum {
 	GD_FILM_COLOUR = 0,			/* 3, of samples of class 0 */
-	GD_FILM_HALF = 3,			/* 3 of each edge, by its place in gd_plan_edges() */
+	GD_FILM_HALF = 3,			/* 3 of each edge, as gd_plan_edges() has them */
 	GD_FILM_MINE = GD_FILM_HALF + 3 * GD_PAIRS,	/* 3, mean over edges; only with reuse */
 	GD_FILM_THEIRS = GD_FILM_MINE + 3,	/* 3 of each edge; only with reuse */
 	GD_FILM_BINNED = GD_FILM_THEIRS + 3 * GD_PAIRS,

@@ -42,7 +42,8 @@ static const cJSON *camera_of(const struct gd_gltf *g, const struct gd_gltf_node
 {
 	size_t i;
 
-	return gd_json_index(n->json, "camera", &i) ? item(gd_json_get(g->json, "cameras"), i) : NULL;
+	return gd_json_index(n->json, "camera", &i) ? item(gd_json_get(g->json, "cameras"), i) :
+						      NULL;
 }
 
 static bool is_called(const cJSON *o, const char *name)

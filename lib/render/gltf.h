@@ -53,7 +53,7 @@ struct gd_gltf {
 	size_t nbuffer;
 	struct gd_gltf_node *node;
 	size_t nnode;
-	size_t *order;			/* nodes of the scene, parents first, in the order of the file */
+	size_t *order;			/* nodes of the scene, parents first, as the file has them */
 	size_t norder;
 	struct gd_gltf_uv *uv;		/* of each material, and of the default one */
 	const struct gd_report *report;
@@ -73,7 +73,8 @@ bool gd_json_numbers(const cJSON *array, double *out, int n);
 /* An index or count; false if there is none. SIZE_MAX, and true, if it is no whole number >= 0. */
 bool gd_json_index(const cJSON *o, const char *name, size_t *i);
 const char *gd_json_text(const cJSON *o, const char *name);	/* NULL if absent */
-int gd_json_list(struct gd_gltf_list *list, const cJSON *o, const char *name);	/* GD_ENOMEM or GD_OK */
+/* GD_OK or GD_ENOMEM; an empty list if absent. */
+int gd_json_list(struct gd_gltf_list *list, const cJSON *o, const char *name);
 
 /* --- gltf_file.c --- */
 
@@ -135,7 +136,7 @@ struct gd_gltf_import {
 	size_t *first;			/* first part of each mesh; nmesh + 1 */
 	size_t points;			/* primitives of points or lines, which are left out */
 	size_t lost;			/* triangles of primitives that have none that is whole */
-	const struct aiScene *ai;	/* its meshes are called "m<part>" and its nodes "n<node>" */
+	const struct aiScene *ai;	/* calls meshes "m<part>" and nodes "n<node>" */
 };
 
 /* Decodes the meshes that nodes of the scene use. */

@@ -49,7 +49,9 @@ void gd_bytes_free(struct gd_bytes *b)
 
 static int hex(char c)
 {
-	return c >= '0' && c <= '9' ? c - '0' : isxdigit((unsigned char)c) ? (c | 32) - 'a' + 10 : -1;
+	if (c >= '0' && c <= '9')
+		return c - '0';
+	return isxdigit((unsigned char)c) ? (c | 32) - 'a' + 10 : -1;
 }
 
 /* Percent-decoding in place. */

@@ -43,7 +43,8 @@ static double cofactors(const struct matrix *a, double c[3][3])
 {
 	for (int i = 0; i < 3; i++)
 		for (int j = 0; j < 3; j++) {
-			const int p = (i + 1) % 3, q = (i + 2) % 3, r = (j + 1) % 3, s = (j + 2) % 3;
+			const int p = (i + 1) % 3, q = (i + 2) % 3;
+			const int r = (j + 1) % 3, s = (j + 2) % 3;
 
 			c[i][j] = a->m[p][r] * a->m[q][s] - a->m[p][s] * a->m[q][r];
 		}

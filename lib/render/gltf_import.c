@@ -18,7 +18,7 @@ struct out {
 	size_t *made_size;
 	size_t nmade;
 	size_t naccessor, nview, nmesh;
-	size_t *mesh;			/* new number of each mesh, SIZE_MAX: nothing of it is left */
+	size_t *mesh;			/* new number of each mesh, SIZE_MAX: nothing is left */
 	char *text;			/* all of it as JSON */
 	struct gd_err *err;
 };

@@ -16,7 +16,7 @@ struct missing {
 struct load {
 	struct gd_gltf *g;
 	struct gd_scene *s;
-	uint32_t *colour, *data;	/* texture that was made of each of the file's, by its use */
+	uint32_t *colour, *data;	/* texture made of each of the file's, by its use */
 	bool no_plugin;			/* told already */
 	struct missing missing;
 	struct gd_err *err;

@@ -7,7 +7,9 @@
  * Every path is known by what made it: label of each scattering (bsdf.h) and directions. P(x) is
  * the sum of the densities of all techniques that make x from pixel i (light sampling and BSDF
  * sampling: multiple importance sampling with the balance heuristic), Q(y) the same from pixel j;
- * f the contribution; J = |dT/dx|; r = samples of j over samples of i. Then
+ * f the contribution; J = |dT/dx|; r = samples of j over samples of i. Russian roulette, from the
+ * third segment on, is a factor of the density of BSDF sampling alone, of either path by its own
+ * throughput. Then
  *	colour_i  = E_i[ f(x) / P(x) ]
  *	half_ij   = E_i[ (J f(y) - f(x)) / (P(x) + r J Q(y)) ]
  *	I_j - I_i = half_ij - half_ji
@@ -44,21 +46,25 @@ struct gd_path_in {
 	int w, h;		/* of the whole image */
 	int x, y;		/* base pixel */
 	int n;			/* offset pixels, 0 .. 4 */
-	int dx[4], dy[4];	/* where they are, relative to the base; they may lie outside the image */
+	int dx[4], dy[4];	/* where they are, relative to the base; also outside the image */
 	float r[4];		/* samples of the offset pixel over those of the base pixel, > 0 */
 };
 
 struct gd_path_out {
 	struct gd_v3 colour;		/* f(x) / P(x) */
 	struct gd_v3 half[4];		/* (J f(y) - f(x)) / (P + r J Q) */
-	struct gd_v3 mine[4], theirs[4];/* its two terms, f(x) / (P + r J Q) and J f(y) / (P + r J Q): I_i is
-					   E_i[mine] + E_j[theirs of the way back] as well */
-	struct gd_v3 albedo, normal, position;	/* G-buffers; 0 on a miss */
-	float z;
-	int hits;			/* 1 if there was a surface for them */
+	struct gd_v3 mine[4];		/* its two terms, f(x) / (P + r J Q) */
+	struct gd_v3 theirs[4];		/* and J f(y) / (P + r J Q): I_i is E_i[mine] + E_j[theirs of
+					   the way back] as well */
+	/* G-buffers, of the first surface that is no mirror or clear pane; 0 on a miss. */
+	struct gd_v3 albedo;		/* 0 .. 1, times what mirrors and panes before it let by */
+	struct gd_v3 normal;		/* shading normal, length 1, as gd_hit has it */
+	struct gd_v3 position;		/* world space */
+	float z;			/* length of the path up to there, metres */
+	int hits;			/* 1 if there was such a surface, else 0 */
 };
 
-/* All values are finite. */
+/* All of out is finite. Arrays hold in->n values, the rest is 0. */
 void gd_path_trace(const struct gd_scene *scene, const struct gd_path_conf *conf,
 		   const struct gd_path_in *in, struct gd_draw *draw, struct gd_path_out *out);
 

@@ -196,7 +196,8 @@ static void render_rounds(struct job *j, uint32_t rounds, double all)
 		long tile;
 
 		while ((tile = atomic_fetch_add(&next, 1)) < (long)across * down) {
-			const int x0 = (int)(tile % across) * side, y0 = (int)(tile / across) * side;
+			const int x0 = (int)(tile % across) * side;
+			const int y0 = (int)(tile / across) * side;
 			unsigned long long n = 0;
 
 			for (int y = y0; y < y0 + side && y < j->plan.h; y++)

@@ -38,18 +38,18 @@
 
 struct gd_render_conf {
 	int w, h;			/* of the whole image */
-	struct gd_box crop;		/* inclusive; what is rendered and becomes the data window */
+	struct gd_box crop;		/* inclusive; what is rendered, and the data window */
 	int spp;			/* samples a pixel, unless counts is given; >= 1. With
 					   seconds: the most, 0: no matter how many */
-	struct gd_plane counts;		/* of the crop's size, v = NULL: spp everywhere; whole numbers >= 0 */
+	struct gd_plane counts;		/* of the crop's size, whole numbers >= 0; v = NULL: spp */
 	double share;			/* of the samples that trace offset paths, 0 .. 1 */
 	struct gd_plane shares;		/* the same for each pixel of the crop; v = NULL: share */
 	const struct gd_pairs *pairs;	/* gradients along these instead of dx and dy, or NULL;
 					   of the size of the whole image or of the crop */
 	int bins;			/* 2 .. GD_RENDER_BINS; 0: none are written */
 	double seconds;			/* > 0: renders as many rounds, of one sample a pixel or of
-					   what counts has, as can be expected to end in that time, and
-					   one at least. 0: no limit, and one round of spp */
+					   what counts has, as can be expected to end in that time,
+					   and one at least. 0: no limit, and one round of spp */
 	bool reuse;			/* the colour uses the offset paths of the neighbours, too:
 					   the mean over the edges of E_i[mine] + E_j[theirs] */
 	uint64_t seed;
@@ -64,8 +64,8 @@ typedef void gd_render_sample(const void *user, const struct gd_path_conf *conf,
 /*
  * Fills im (must be empty) with R G B, variance, dx, dy (or pairK), their variances, albedo, N, Z,
  * P with variances, bins, samples, half0.samples and half1.samples, dx.samples and dy.samples (all
- * of these where they say something: gd-buffers(5)), and the attributes gd:samplesPerPixel, gd:bins,
- * gd:renderSeconds (CPU seconds of all threads).
+ * of these where they say something: gd-buffers(5)), and the attributes gd:samplesPerPixel,
+ * gd:bins, gd:renderSeconds (CPU seconds of all threads).
  * Without any gradient sample (share 0 everywhere) there are no gradients.
  * Progress is told with the share that is done, by the calling thread, from between its samples.
  * All memory is taken before the first sample. Returns GD_OK, GD_EARG (what does not fit together,

@@ -18,8 +18,8 @@ static int check(const struct gd_scene *s, struct gd_err *err)
 
 		if (t->vertex[0] >= s->nvertex || t->vertex[1] >= s->nvertex ||
 		    t->vertex[2] >= s->nvertex || t->material >= s->nmaterial)
-			return gd_fail(err, GD_ESHAPE,
-				       "triangle %zu uses a vertex or material that is not there", i);
+			return gd_fail(err, GD_ESHAPE, "triangle %zu uses a vertex or material "
+				       "that is not there", i);
 	}
 	for (size_t i = 0; i < s->nmaterial; i++) {
 		const struct gd_material *m = &s->material[i];

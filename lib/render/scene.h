@@ -17,13 +17,13 @@
 #define GD_NO_INDEX UINT32_MAX
 
 /*
- * glTF's metallic-roughness material. Colours are linear. Texture indices may be GD_NO_INDEX; a factor
- * multiplies its texture.
+ * glTF's metallic-roughness material. Colours are linear. Texture indices may be GD_NO_INDEX; a
+ * factor multiplies its texture.
  */
 struct gd_material {
 	struct gd_v3 base;		/* 0 .. 1 */
 	struct gd_v3 emission;		/* radiance, strength included */
-	float metallic, roughness;	/* 0 .. 1; roughness as in the file: GGX alpha is its square */
+	float metallic, roughness;	/* 0 .. 1; as in the file: GGX alpha is roughness^2 */
 	float transmission;		/* share of what is not reflected that passes; 0 .. 1 */
 	float ior;			/* of the inside over the outside, >= 1 */
 	uint32_t base_map;		/* RGB */
@@ -43,7 +43,8 @@ struct gd_triangle {
 	uint32_t vertex[3];
 	uint32_t material;
 	uint32_t light;			/* index into scene.light, or GD_NO_INDEX */
-	struct gd_v3 normal;		/* geometric, length 1; gd_scene_finish() fills it */
+	struct gd_v3 normal;		/* geometric, length 1; gd_scene_finish() fills it, with
+					   (0, 0, 1) where there is no area */
 };
 
 enum gd_light_kind { GD_AREA, GD_POINT, GD_SPOT, GD_DIRECTIONAL, GD_ENVIRONMENT };
@@ -53,19 +54,20 @@ struct gd_light {
 	uint32_t triangle;		/* GD_AREA */
 	float area;			/* GD_AREA, square metres */
 	struct gd_v3 position;		/* GD_POINT, GD_SPOT */
-	struct gd_v3 direction;		/* GD_SPOT, GD_DIRECTIONAL: the way the light travels, length 1 */
-	struct gd_v3 intensity;		/* GD_POINT, GD_SPOT: radiant intensity; GD_DIRECTIONAL: irradiance
-					   of a surface it falls on at right angles */
+	struct gd_v3 direction;		/* GD_SPOT, GD_DIRECTIONAL: the way light travels, length 1 */
+	struct gd_v3 intensity;		/* GD_POINT, GD_SPOT: radiant intensity; GD_DIRECTIONAL:
+					   irradiance of a surface it falls on at right angles */
 	float cos_inner, cos_outer;	/* GD_SPOT */
 	float chance;			/* probability that gd_light_sample() picks it */
 };
 
-/* Radiance from everywhere around: latitude-longitude, row 0 is +y, column w/2 is -z; or constant. */
+/* Radiance from all around: latitude-longitude, row 0 is +y, column w/2 is -z; or constant. */
 struct gd_environment {
 	int w, h;			/* 0 x 0: constant, or none if it is black */
 	float *rgb;			/* h x w x 3 */
 	struct gd_v3 constant;
-	float *row_cdf, *column_cdf;	/* h + 1; h x (w + 1): in proportion to luminance x solid angle */
+	float *row_cdf, *column_cdf;	/* h + 1; h x (w + 1): in proportion to luminance times
+					   solid angle, in the main */
 };
 
 /* Looks along forward; pixel (px, py) of w x h, y down, is at
@@ -78,7 +80,7 @@ struct gd_view {
 };
 
 struct gd_scene {
-	struct gd_v3 *vertex, *normal;	/* world space; normals of length 1, or 0: the triangle's own */
+	struct gd_v3 *vertex, *normal;	/* world space; length 1, or 0: the normal of the triangle */
 	float *uv;			/* 2 a vertex, or NULL */
 	struct gd_triangle *triangle;
 	size_t nvertex, ntriangle;
@@ -98,12 +100,12 @@ struct gd_scene {
 };
 
 struct gd_scene_options {
-	int w, h;			/* of the image: its aspect decides tan_x from the camera's yfov */
+	int w, h;			/* of the image: tan_x is tan_y times w / h */
 	const char *camera;		/* name; NULL: the first */
 	const char *environment;	/* EXR, HDR or any other image file; NULL: none */
-	struct gd_v3 sky;		/* constant radiance; added to nothing: not beside environment */
+	struct gd_v3 sky;		/* constant radiance, not beside an environment */
 	float aperture;			/* lens radius in metres, 0: pinhole */
-	float focus;			/* metres; 0: the distance of what the centre of the image shows */
+	float focus;			/* metres; 0: that of what the centre of the image shows */
 };
 
 /*
@@ -120,34 +122,37 @@ void gd_scene_free(struct gd_scene *scene);	/* takes NULL */
 
 /* For gd_scene_load() and tests that build a scene by hand: the light list (area lights from
  * emissive materials, environment) and its cdf, the bounding box, Embree's tree. vertex, normal,
- * triangle (light: anything), material, texture, environment's pixels or constant, the punctual
- * lights in light[0 .. nlight) must be there. */
+ * triangle (light, normal: anything), material, texture, environment's pixels or constant, the
+ * punctual lights in light[0 .. nlight) must be there. GD_ESHAPE: no triangles, or an index out of
+ * range; GD_ENOMEM; GD_EARG: Embree fails. gd_scene_free() takes the scene in any case. */
 int gd_scene_finish(struct gd_scene *scene, struct gd_err *err);
 
 /* --- ray.c: rays --- */
 
 struct gd_hit {
 	struct gd_v3 p;			/* position */
-	struct gd_v3 ng, ns;		/* geometric and shading normal, length 1; as the triangle has them:
-					   not turned to the ray, but ns is on ng's side */
+	struct gd_v3 ng, ns;		/* geometric and shading normal, length 1; as the triangle has
+					   them: not turned to the ray, but ns is on ng's side */
 	float u, v;			/* texture coordinates */
 	float t;			/* distance */
 	uint32_t triangle;
 };
 
-/* Nearest hit from o along d (length 1). o may lie on a surface: rays start a little off. */
+/* Nearest hit from o along d (length 1). o may lie on a surface: triangles in whose plane a ray
+ * starts are passed by. */
 bool gd_ray_hit(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, struct gd_hit *hit);
 /* Up to 4 at once; active: bit k is ray k. Returns the bits that hit. */
 unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], const struct gd_v3 d[4],
 		     unsigned active, struct gd_hit hit[4]);
-/* Is nothing between o and o + t d? Both ends may lie on surfaces; t may be INFINITY. */
+/* Is nothing between o and o + t d? Both ends may lie on surfaces, which do not count; t may be
+ * INFINITY. */
 bool gd_ray_free(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t);
 unsigned gd_ray_free4(const struct gd_scene *scene, const struct gd_v3 o[4],
 		      const struct gd_v3 d[4], const float t[4], unsigned active);
 
 /* --- texture.c --- */
 
-/* Bilinear. */
+/* Bilinear; row 0 is at v = 0, and beyond 0 .. 1 the image repeats or is clamped. */
 struct gd_v3 gd_texture_at(const struct gd_texture *t, float u, float v);
 
 /* --- light.c: lights --- */
@@ -157,27 +162,31 @@ struct gd_light_sample {
 	struct gd_v3 d;			/* direction from p to it, length 1 */
 	float t;			/* distance; INFINITY: environment, directional */
 	struct gd_v3 radiance;		/* arriving at p if nothing is between; divided by nothing.
-					   GD_POINT and GD_SPOT: intensity / t^2; GD_DIRECTIONAL: irradiance */
+					   GD_POINT, GD_SPOT: intensity / t^2; GD_DIRECTIONAL:
+					   irradiance */
 	float pdf;			/* by solid angle at p, choice of the light included;
 					   where delta: the probability of the choice */
 	bool delta;			/* no direction sampled by a surface can hit it */
 	uint32_t light;
-	struct gd_v3 point, normal;	/* GD_AREA: for gd_light_again(); point also for the other finite ones */
+	struct gd_v3 point, normal;	/* GD_AREA: for gd_light_again(); point also for the other
+					   finite ones */
 };
 
-/* false: nothing comes from there (the back of an emitter, outside a spot's cone, a cdf of 0). */
+/* choice, u, v: uniform in [0, 1). false: nothing comes from there (p lies in the plane of the
+ * emitter, or outside a spot's cone; a chance of 0; black). */
 bool gd_light_sample(const struct gd_scene *scene, struct gd_v3 p, float choice, float u, float v,
 		     struct gd_light_sample *s);
 /*
  * The same point on the same light as seen from another p: fills d, t, radiance, pdf. Also when s
- * came with false because p was behind the emitter: s->light, point and normal are filled then.
+ * came with false because its p lay in the emitter's plane: s->light, point and normal are filled
+ * then.
  * false: it cannot be seen from p; pdf is 0 then.
  */
 bool gd_light_again(const struct gd_scene *scene, struct gd_v3 p, const struct gd_light_sample *s,
 		    struct gd_light_sample *again);
 
-/* Radiance that leaves an emissive triangle at hit towards wo; 0 if it does not emit (both sides
- * emit, as glTF's emission does). */
+/* Radiance that leaves an emissive triangle at hit towards wo; 0 if it does not emit. Both sides
+ * emit the same in all directions, as glTF's emission does. */
 struct gd_v3 gd_light_emitted(const struct gd_scene *scene, const struct gd_hit *hit,
 			      struct gd_v3 wo);
 /* Density, by solid angle at the point where the ray d (length 1) to hit started, with which

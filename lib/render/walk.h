@@ -11,8 +11,9 @@
 /*
  * Where an offset path stands once the base path has reached vertex x_k:
  *	OWN	at a vertex y_k of its own
- *	PENDING	at y_{k-1}: the event there was GD_ROUGH, so it depends on the label at x_k whether it
- *		joins the base path there (join says if it can) or copies the event and goes to a y_k
+ *	PENDING	at y_{k-1}: the event there was GD_ROUGH, so it depends on the label at x_k whether
+ *		it joins the base path there (join says if it can) or copies the event and goes to
+ *		a y_k
  *	FRESH	joined at x_k, coming from y_{k-1}: sees x_k along another direction
  *	SHARED	the last two vertices are the base path's
  *	DEAD	there is no such path
@@ -21,16 +22,16 @@ enum gd_stand { GD_OWN, GD_PENDING, GD_FRESH, GD_SHARED, GD_DEAD };
 
 struct gd_offset {
 	enum gd_stand stand;
-	/* Of the prefix, over the base's density: J f(y) / p(x) and J q(y) / p(x). PENDING: before the
-	 * event at y_{k-1}; join_t and join_q with it, if it joins. */
+	/* Of the prefix, over the base's density: J f(y) / p(x) and J q(y) / p(x). PENDING: before
+	 * the event at y_{k-1}; join_t and join_q with it, if it joins. */
 	struct gd_v3 t, join_t;
 	float q, join_q;
-	float survive;			/* probability to scatter at its vertex, of the event under way */
+	float survive;			/* probability of the event under way to scatter at its vertex */
 	bool join;
 	struct gd_hit hit;		/* OWN, PENDING: its last vertex */
 	struct gd_bsdf b;
 	struct gd_bsdf turned;		/* FRESH, PENDING that can join: x_k, seen from y_{k-1} */
-	/* What it contributes to the path that ends now, over the base's density of it: J f, J q. */
+	/* What it brings to the path that ends now, over the base's density of it: J f, J q. */
 	struct gd_v3 fy;
 	float qy;
 };
@@ -59,7 +60,7 @@ struct gd_arrival {
 	struct gd_bsdf b;
 	struct gd_v3 radiance;		/* what comes from there */
 	float pdf_light;		/* density of light sampling for it; 0 if it cannot */
-	bool last;			/* no light is sampled and nothing scatters there any more */
+	bool last;			/* no light is sampled there and nothing scatters */
 };
 
 /* Probability to go on from x_k or y_k with throughput t (f / p). It is a factor of the density of
@@ -77,8 +78,9 @@ struct gd_v3 gd_walk_reflect(const struct gd_bsdf *b, const struct gd_light_samp
 /*
  * What the offset paths do at each stage. Each leaves in fy, qy of every offset path what it
  * contributes to the path that ends there.
- * start: their camera rays, through the same point (u, v) of their pixel.
- * light: the light sample s of x_k, which the base path sees or does not see.
+ * start: their camera rays, through the same point (u, v) of their pixel and of the lens.
+ * light: the light sample s of x_k, which the base path sees or does not see; f, pdf_bsdf: what
+ *	gd_walk_reflect() says of it there.
  * resolve: the base path goes on, to scatter event s. After its t was divided by survive.
  * follow: event s has led the base path to a. Before the walk's t and last become those of s.
  * ambient: an ambient light at the vertex reached.
