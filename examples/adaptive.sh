@@ -147,7 +147,10 @@ for ((i = 1; i <= passes; i++)); do
 	fi
 	if [ -z "$keep" ] || [ ! -f "$pass" ]; then
 		tell "pass $i of $passes"
-		gdrender -q "${between[@]}" --stats "${pass%.exr}.json" --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${more[@]}" "$scene" "$pass"
+		# what is wrong with the scene is told once
+		told=-q
+		if ((i == 1)); then told=$quiet; fi
+		gdrender ${told:+"$told"} "${between[@]}" --stats "${pass%.exr}.json" --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${more[@]}" "$scene" "$pass"
 	fi
 	if ((i == 1 && passes > 1)) && [ "$gradients" != none ] && [ -z "$cost" ]; then measure; fi
 	inputs=()

@@ -442,6 +442,11 @@ static void on_note(void *user, const char *text)
 	fprintf(stderr, "%s: %s\n", cli->cmd->name, text);
 }
 
+static void on_warning(void *user, const char *text)
+{
+	gd_cli_warn(user, "%s", text);
+}
+
 static void on_progress(void *user, const char *stage, double done)
 {
 	struct gd_cli *cli = user;
@@ -536,7 +541,7 @@ void gd_cli_parse(struct gd_cli *cli, const struct gd_cmd *cmd, int argc, char *
 	check_operands(cli);
 	omp_set_dynamic(0);
 	omp_set_num_threads(cli->threads);
-	cli->report = (struct gd_report){ on_note, on_progress, cli };
+	cli->report = (struct gd_report){ on_note, on_progress, cli, on_warning };
 	gd_cli_stat_text(cli, "tool", cmd->name);
 	gd_cli_stat_text(cli, "version", GD_VERSION);
 	gd_cli_stat_text(cli, "command", cli->command);

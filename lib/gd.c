@@ -40,6 +40,19 @@ void gd_note(const struct gd_report *report, const char *format, ...)
 	report->note(report->user, text);
 }
 
+void gd_warn(const struct gd_report *report, const char *format, ...)
+{
+	char text[1024];
+	va_list ap;
+
+	if (!report || !(report->warn || report->note))
+		return;
+	va_start(ap, format);
+	vsnprintf(text, sizeof text, format, ap);
+	va_end(ap);
+	(report->warn ? report->warn : report->note)(report->user, text);
+}
+
 void gd_progress(const struct gd_report *report, const char *stage, double done)
 {
 	if (report && report->progress)

@@ -29,16 +29,20 @@ int gd_fail(struct gd_err *err, int code, const char *format, ...)
 
 /*
  * How library routines tell what they decide. Any pointer may be NULL, and so may a
- * struct gd_report pointer itself: use gd_note() and gd_progress().
- * Both are called from the thread that called the routine, never from inside a parallel loop.
+ * struct gd_report pointer itself: use gd_note(), gd_warn() and gd_progress().
+ * A warning is of what makes the result other than expected; without warn it is a note.
+ * All are called from the thread that called the routine, never from inside a parallel loop.
  */
 struct gd_report {
 	void (*note)(void *user, const char *text);	/* one line, no newline */
 	void (*progress)(void *user, const char *stage, double done);	/* done in 0 .. 1 */
 	void *user;
+	void (*warn)(void *user, const char *text);	/* one line, no newline */
 };
 
 void gd_note(const struct gd_report *report, const char *format, ...)
+	__attribute__((format(printf, 2, 3)));
+void gd_warn(const struct gd_report *report, const char *format, ...)
 	__attribute__((format(printf, 2, 3)));
 void gd_progress(const struct gd_report *report, const char *stage, double done);
 

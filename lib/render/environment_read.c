@@ -62,7 +62,7 @@ int gd_environment_read(struct gd_environment *e, const char *path, const struct
 	if (rc == GD_OK && gd_find_rgb(&im, channel)) {
 		mended = take(e, &im, channel);
 		if (mended)
-			gd_note(report, "%s: %zu numbers that are negative, not finite or above "
+			gd_warn(report, "%s: %zu numbers that are negative, not finite or above "
 					"1e30 count as 0", path, mended);
 	}
 	gd_exr_close(file);

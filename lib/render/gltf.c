@@ -182,7 +182,7 @@ static int add_lights(const struct gd_gltf *g, struct gd_scene *s, struct gd_err
 		if (json && set_light(&s->light[s->nlight], n, json))
 			s->nlight++;
 		else
-			gd_note(g->report, "%s: a light that is black or damaged is left out",
+			gd_warn(g->report, "%s: a light that is black or damaged is left out",
 				g->path);
 	}
 	return GD_OK;

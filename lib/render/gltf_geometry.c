@@ -214,10 +214,11 @@ static void tell(const struct build *b)
 	const size_t outside = b->outside + b->im.lost, all = outside + b->broken + b->flat;
 
 	if (b->im.points)
-		gd_note(b->g->report, "%s: %zu primitives of points or lines are left out",
+		gd_warn(b->g->report, "%s: %zu primitives of points or lines are left out",
 			b->g->path, b->im.points);
-	if (all)
-		gd_note(b->g->report,
+	if (all)	/* those without area are not missed */
+		(all > b->flat ? gd_warn : gd_note)(
+			b->g->report,
 			"%s: %zu triangles are left out: %zu with an index out of range, "
 			"%zu with a vertex that is not finite or too far away, %zu without area",
 			b->g->path, all, outside, b->broken, b->flat);

@@ -161,7 +161,7 @@ static int add_optional(struct out *o, cJSON *to, const cJSON *from, const char 
 	if (rc != GD_OK)
 		return rc;
 	if (a.count != count || a.n != n) {
-		gd_note(o->g->report, "%s: %s of %zu elements for %zu vertices: left out",
+		gd_warn(o->g->report, "%s: %s of %zu elements for %zu vertices: left out",
 			o->g->path, name, a.count, count);
 		return GD_OK;
 	}

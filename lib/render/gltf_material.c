@@ -18,6 +18,7 @@ struct load {
 	struct gd_scene *s;
 	uint32_t *colour, *data;	/* texture made of each of the file's, by its use */
 	bool no_plugin;			/* told already */
+	size_t lost;			/* textures that are left out */
 	struct missing missing;
 	struct gd_err *err;
 };
@@ -113,19 +114,20 @@ static const cJSON *image_of(const struct load *l, const cJSON *texture)
 	return NULL;
 }
 
+/* The first is warned of, with the reason; the others are counted, and noted one by one. */
 static void tell_failure(struct load *l, size_t i, const struct gd_err *why)
 {
 	struct gd_err none = { 0 };
 
 	if (gd_plugin_check(&none) != GD_OK) {
 		if (!l->no_plugin)
-			gd_note(l->g->report, "%s: textures are left out: %s", l->g->path,
+			gd_warn(l->g->report, "%s: textures are left out: %s", l->g->path,
 				none.text);
 		l->no_plugin = true;
 		return;
 	}
-	gd_note(l->g->report, "%s: texture %zu is left out: %s", l->g->path, i,
-		why->code ? why->text : "it has no image");
+	(l->lost++ ? gd_note : gd_warn)(l->g->report, "%s: texture %zu is left out: %s", l->g->path,
+					i, why->code ? why->text : "it has no image");
 }
 
 /* Index into scene.texture of a member such as baseColorTexture, or GD_NO_INDEX. */
@@ -140,7 +142,9 @@ static uint32_t texture_of(struct load *l, const cJSON *info, bool data)
 	if (!info)
 		return GD_NO_INDEX;
 	if (!gd_json_index(info, "index", &i) || i >= l->g->textures.n) {
-		gd_note(l->g->report, "%s: a texture that is not there is left out", l->g->path);
+		(l->lost++ ? gd_note : gd_warn)(l->g->report,
+						"%s: a texture that is not there is left out",
+						l->g->path);
 		return GD_NO_INDEX;
 	}
 	known = data ? &l->data[i] : &l->colour[i];
@@ -297,8 +301,11 @@ static void tell(const struct load *l)
 	for (int i = 0; i < l->missing.n; i++)
 		n += (size_t)snprintf(text + n, sizeof(text) - n, "%s%s", i ? ", " : "",
 				      l->missing.what[i]);
+	if (l->lost > 1)
+		gd_warn(l->g->report, "%s: %zu more textures are left out (-v names them)",
+			l->g->path, l->lost - 1);
 	if (l->missing.n)
-		gd_note(l->g->report, "%s: not modelled and left out: %s", l->g->path, text);
+		gd_warn(l->g->report, "%s: not modelled and left out: %s", l->g->path, text);
 }
 
 int gd_gltf_materials(struct gd_gltf *g, struct gd_scene *scene, struct gd_err *err)

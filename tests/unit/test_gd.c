@@ -47,6 +47,11 @@ static void remember(void *user, const char *text)
 	strcpy(user, text);
 }
 
+static void remember_warning(void *user, const char *text)
+{
+	sprintf(user, "warning: %s", text);
+}
+
 static void remember_progress(void *user, const char *stage, double done)
 {
 	strcpy(user, stage);
@@ -56,7 +61,7 @@ static void remember_progress(void *user, const char *stage, double done)
 static void test_reports(void **state)
 {
 	char text[1100] = "";
-	struct gd_report report = { remember, NULL, text };
+	struct gd_report report = { .note = remember, .user = text };
 
 	(void)state;
 	gd_note(NULL, "x");
@@ -64,7 +69,14 @@ static void test_reports(void **state)
 	gd_progress(&report, "x", 1);
 	gd_note(&report, "%d bins", 4);
 	assert_string_equal(text, "4 bins");
-	report = (struct gd_report){ NULL, remember_progress, text };
+	gd_warn(NULL, "x");
+	gd_warn(&report, "%d warnings", 2);	/* a note, if nobody takes warnings */
+	assert_string_equal(text, "2 warnings");
+	report.warn = remember_warning;
+	gd_warn(&report, "%s", "look");
+	assert_string_equal(text, "warning: look");
+	report = (struct gd_report){ .progress = remember_progress, .user = text };
+	gd_warn(&report, "nothing");
 	gd_note(&report, "nothing");
 	gd_progress(&report, "solve", 1.5);
 	assert_string_equal(text, "solve");
