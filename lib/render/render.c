@@ -84,6 +84,9 @@ static int check(const struct gd_plan *plan, struct gd_err *err)
 	if (!c->counts.v && (c->spp > GD_RENDER_SAMPLES || c->spp < (c->seconds > 0 ? 0 : 1)))
 		return gd_fail(err, GD_EARG, "%d samples a pixel: expected 1 to %d", c->spp,
 			       GD_RENDER_SAMPLES);
+	if (c->reuse && c->path.ambient > 0)	/* it would become part of the colour */
+		return gd_fail(err, GD_EARG, "ambient light is for the gradients alone: the colour "
+			       "cannot reuse their offset paths");
 	return check_maps(plan, err);
 }
 

@@ -185,6 +185,25 @@ small() { "$gdrender" -q --size 24x18 --compression none "$scene" "$@"; }
 	[ "$status" -ne 0 ] && [ -z "$(ls)" ]
 }
 
+@test "what is left out of a scene is told by default, in one line, and not with -q" {
+	sed 's/"images": .*/"images": [],/; s/^{"pbrMetallicRoughness"/{"alphaMode": "MASK", "pbrMetallicRoughness"/' "$scene" >bare.gltf
+	cp "${scene%.gltf}.bin" .
+	run --separate-stderr "$gdrender" --size 8x6 --spp 1 bare.gltf out.exr
+	echo "$stderr"
+	[ "$status" -eq 0 ]
+	[ "$(grep -c "^gdrender: warning: bare.gltf: .*left out" <<<"$stderr")" -ge 2 ]
+	[[ "$stderr" == *"warning: bare.gltf: not modelled and left out: alpha"* ]]
+	[ "${#stderr_lines[@]}" -le 3 ]
+	run --separate-stderr "$gdrender" -q --size 8x6 --spp 1 bare.gltf out.exr
+	[ "$status" -eq 0 ] && [ -z "$stderr" ]
+}
+
+@test "ambient light for the gradients does not get into the colour" {
+	run --separate-stderr small --spp 2 --ambient 0.5 --reuse-offsets -o no.exr
+	[ "$status" -eq 2 ] && [ ! -e no.exr ]
+	[[ "$stderr" == "gdrender: ambient light is for the gradients alone: "* ]]
+}
+
 @test "--stats and -v" {
 	run --separate-stderr "$gdrender" -v --size 24x18 --spp 2 "$scene" -o out.exr --stats s.json
 	[[ "$stderr" == *"gdrender: 24 x 18 pixels, 2 samples a pixel, "* ]]
