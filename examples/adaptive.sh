@@ -18,7 +18,7 @@ usage: adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
   -p PASSES   passes in all, 1 to 99 (3)
   -g WHAT     gradients: where they pay (auto), with every sample (all), or never (none)
   -u          uniform: every pass is even
-  -f SPP      the same of the first pass (a third)
+  -f SPP      the same of the first pass (a third); 4 samples at least where -g is auto
   -d TOOL     denoiser of the result: gdapr or gdlwr (gdapr)
   -b BINS     bins of a pass, 4 to 64 (8)
   -c COST     of a sample with gradients, in plain ones (measured, by two plain samples a pixel)
@@ -107,9 +107,11 @@ measure() {
 
 # So many samples a pixel, all with gradients or none.
 even() {
-	local n with=1 each=${cost:-$usual}
+	local n with=1 each=${cost:-$usual} least=1
 	if [ "$gradients" = none ]; then with=0 each=1; fi
-	n=$(awk -v n="$1" -v c="$each" 'BEGIN { n = int(n / c + 0.5); print (n > 1 ? n : 1) }')
+	# what gradients gain is told by four bins
+	if [ "$gradients" = auto ] && ((passes > 1)); then least=4; fi
+	n=$(awk -v n="$1" -v c="$each" -v m=$least 'BEGIN { n = int(n / c + 0.5); print (n > m ? n : m) }')
 	render=(--spp "$n" --gradients "$with")
 }
 

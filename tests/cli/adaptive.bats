@@ -42,8 +42,10 @@ spp() { perl "$top/tests/support/exrval.pl" "$1" samples 2>/dev/null || perl "$t
 		# shellcheck disable=SC2086
 		run --separate-stderr env TMPDIR="$PWD/tmp" "$adaptive" -q -n 16 -p 2 $how "$scene" out.exr -- --size 48x36
 		echo "$how: $stderr"
-		[ "$status" -eq 0 ] && [ -z "$stderr" ]
-		[ -s out.exr ] && rm out.exr
+		[ "$status" -eq 0 ]
+		[ -z "$stderr" ]
+		[ -s out.exr ]
+		rm out.exr
 		[ -z "$(ls tmp)" ]
 	done
 	"$adaptive" -q -g none -n 6 -f 4 -p 3 -k kept "$scene" out.exr -- --size 48x36
