@@ -521,7 +521,7 @@ static int finish_samples(struct gd_image *im, struct gd_plane samples, int bins
 		gd_image_drop(im, "half0.samples");
 		gd_image_drop(im, "half1.samples");
 	}
-	if (!sides && !differs(samples))
+	if (!sides && spp > 0 && !differs(samples))	/* the mean tells it, unless it is 0 */
 		gd_image_drop(im, "samples");
 	rc = gd_attr_set_number(im, "gd:samplesPerPixel", spp, err);
 	return rc == GD_OK && bins ? gd_attr_set_int(im, "gd:bins", bins, err) : rc;
