@@ -30,10 +30,12 @@ options_of_manual() {
 @test "-h goes to standard output and names the tool" {
 	for t in $(tools); do
 		run --separate-stderr "$bin/$t" -h
-		[ "$status" -eq 0 ] && [ -z "$stderr" ]
+		[ "$status" -eq 0 ]
+		[ -z "$stderr" ]
 		[[ "${lines[0]}" == "usage: $t "* ]]
 		run --separate-stderr "$bin/$t" --version
-		[ "$status" -eq 0 ] && [[ "$output" == "$t "[0-9]* ]]
+		[ "$status" -eq 0 ]
+		[[ "$output" == "$t "[0-9]* ]]
 	done
 }
 
@@ -47,7 +49,8 @@ options_of_manual() {
 @test "an unknown option is named, exit 2, standard output empty" {
 	for t in $(tools); do
 		run --separate-stderr "$bin/$t" --no-such-thing in.exr
-		[ "$status" -eq 2 ] && [ -z "$output" ]
+		[ "$status" -eq 2 ]
+		[ -z "$output" ]
 		[ "$stderr" = "$t: unknown option --no-such-thing ($t -h lists the options)" ]
 	done
 }
@@ -160,15 +163,19 @@ options_of_manual() {
 	[[ "$stderr" == "gdmerge: no/such/s.json: "* ]]
 	rm out.exr
 	run --separate-stderr "$bin/gdmerge" in.exr -o out.exr --stats out.exr
-	[ "$status" -eq 2 ] && [[ "$stderr" == "gdmerge: option --stats: out.exr is the image"* ]] && [ ! -e out.exr ]
+	[ "$status" -eq 2 ]
+	[[ "$stderr" == "gdmerge: option --stats: out.exr is the image"* ]]
+	[ ! -e out.exr ]
 }
 
 @test "a failure takes one line, whatever else fails" {
 	small
 	run --separate-stderr "$bin/gdmerge" nowhere.exr -o out.exr --stats no/such/s.json
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdmerge: nowhere.exr: No such file or directory" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdmerge: nowhere.exr: No such file or directory" ]
 	run --separate-stderr "$bin/gdmerge" in.exr -o ""
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdmerge: the output has an empty name" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdmerge: the output has an empty name" ]
 }
 
 @test "an output that is the input" {

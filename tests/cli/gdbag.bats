@@ -80,12 +80,14 @@ above() { awk -v a="$1" -v b="$2" 'BEGIN { exit !(a > b) }' || { echo "$1, expec
 @test "missing channels are named" {
 	"$support/mkexr.pl" a.exr 4 4 R=1 G=1 B=1
 	run --separate-stderr "$bin/gdbag" a.exr out.exr
-	[ "$status" -eq 2 ] && [[ "$stderr" == *"a.exr: no channel dx.R" ]]
+	[ "$status" -eq 2 ]
+	[[ "$stderr" == *"a.exr: no channel dx.R" ]]
 	[ ! -e out.exr ]
 	"$support/mkexr.pl" b.exr 4 4 bin0.dx.R=0 bin0.dx.G=0 bin0.dx.B=0 bin1.dx.R=0 bin1.dx.G=0 bin1.dx.B=0 \
 		bin0.dy.R=0 bin0.dy.G=0 bin0.dy.B=0
 	run --separate-stderr "$bin/gdbag" b.exr out.exr
-	[ "$status" -eq 2 ] && [[ "$stderr" == *"2 bins of dx, but 1 of dy" ]]
+	[ "$status" -eq 2 ]
+	[[ "$stderr" == *"2 bins of dx, but 1 of dy" ]]
 }
 
 @test "--stats" {

@@ -77,7 +77,7 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !(d <= t && 
 	run -0 --separate-stderr "$bin/gdfeature" -v --compression none in.exr out.exr
 	[[ "$stderr" == *"one solve"* ]]
 	channels out.exr | grep -qx feature.variance.B
-	! channels out.exr | grep -q half
+	if channels out.exr | grep -q half; then return 1; fi
 	near "$("$val" out.exr feature.R 3 3)" "$("$val" in.exr R 3 3)" 1e-2
 }
 
@@ -87,7 +87,7 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !(d <= t && 
 	[[ "$stderr" == *"neither bins nor variances"* ]]
 	near "$("$val" out.exr feature.R 5 4)" 9 1e-3
 	near "$("$val" out.exr feature.G 0 4)" 0 1e-3
-	! channels out.exr | grep -q feature.variance
+	if channels out.exr | grep -q feature.variance; then return 1; fi
 }
 
 @test "halves as they come from a renderer count as two bins" {
@@ -103,7 +103,7 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !(d <= t && 
 	"$support/mkexr.pl" halves.exr 16 12 "${args[@]}"
 	"$bin/gdfeature" --compression none halves.exr out.exr
 	channels out.exr | grep -qx half1.feature.variance.R
-	! channels out.exr | grep -q 'd[xy]\.'
+	if channels out.exr | grep -q 'd[xy]\.'; then return 1; fi
 	[ "$("$val" out.exr half0.R 3 3)" = "$("$val" halves.exr half0.R 3 3)" ]
 }
 
@@ -243,17 +243,23 @@ positions() { printf "%s\n" "P.X=0.1*(\$x+$1)" 'P.Y=0.1*$y' "P.Z=20+2*sin(0.2*(\
 	buffer other.exr 2 12 8
 	"$support/mkexr.pl" plain.exr 12 9 R=1 G=1 B=1
 	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours other.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdfeature: other.exr: is 12x8, expected 12x9" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdfeature: other.exr: is 12x8, expected 12x9" ]
 	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours plain.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdfeature: plain.exr: no channel dx.R" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdfeature: plain.exr: no channel dx.R" ]
 	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours nowhere.exr
-	[ "$status" -eq 2 ] && [[ "$stderr" == "gdfeature: nowhere.exr: "* ]]
+	[ "$status" -eq 2 ]
+	[[ "$stderr" == "gdfeature: nowhere.exr: "* ]]
 	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours in.exr in.exr in.exr in.exr in.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdfeature: --neighbours: 5 files, expected 4 at most" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdfeature: --neighbours: 5 files, expected 4 at most" ]
 	run --separate-stderr "$bin/gdfeature" in.exr out.exr --no-filter --neighbours in.exr
-	[ "$status" -eq 2 ] && [[ "$stderr" == "gdfeature: --neighbours: only the filter"* ]]
+	[ "$status" -eq 2 ]
+	[[ "$stderr" == "gdfeature: --neighbours: only the filter"* ]]
 	run --separate-stderr bash -c "'$bin/gdfeature' -o out.exr --neighbours in.exr <in.exr"
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdfeature: --neighbours in.exr: the frame itself" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdfeature: --neighbours in.exr: the frame itself" ]
 	"$support/mkexr.pl" once.exr 12 9 R=1 G=1 B=1 dx.R=0 dx.G=0 dx.B=0 dy.R=0 dy.G=0 dy.B=0
 	cp in.exr too.exr
 	run --separate-stderr "$bin/gdfeature" in.exr out.exr --neighbours too.exr once.exr

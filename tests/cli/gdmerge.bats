@@ -28,7 +28,9 @@ near() { awk -v a="$1" -v b="$2" 'BEGIN { d = a - b; if (d < 0) d = -d; exit !(d
 @test "means, variances, bins and samples of five runs" {
 	five
 	run --separate-stderr "$gdmerge" run?.exr -o out.exr --compression none
-	[ "$status" -eq 0 ] && [ -z "$stderr" ] && [ -z "$output" ]
+	[ "$status" -eq 0 ]
+	[ -z "$stderr" ]
+	[ -z "$output" ]
 	near "$(val out.exr R 1 1)" 3
 	near "$(val out.exr G 2 1)" 6
 	near "$(val out.exr dx.R 0 0)" -3
@@ -152,7 +154,8 @@ near() { awk -v a="$1" -v b="$2" 'BEGIN { d = a - b; if (d < 0) d = -d; exit !(d
 @test "names are told when all went well, else one line says what is wrong" {
 	make_exr m.exr 2 2 R=1 G=1 B=1 m2_R=2 m2_G=2 m2_B=2
 	run --separate-stderr "$gdmerge" m.exr -o out.exr
-	[ "$status" -eq 2 ] && [ "${#stderr_lines[@]}" -eq 1 ]
+	[ "$status" -eq 2 ]
+	[ "${#stderr_lines[@]}" -eq 1 ]
 	run --separate-stderr "$gdmerge" m.exr --spp 4 -o out.exr
 	[ "$status" -eq 0 ]
 	[ "$stderr" = "gdmerge: names of mitsuba: colour variance from m2_{R,G,B} (variance: m2)" ]
@@ -174,8 +177,11 @@ near() { awk -v a="$1" -v b="$2" 'BEGIN { d = a - b; if (d < 0) d = -d; exit !(d
 	make_exr a.exr 4 3 R=1 G=1 B=1 samples='$x == 1 ? nan() : $x == 2 ? -4 : 4'
 	make_exr b.exr 4 3 R=5 G=5 B=5 samples='$x == 3 ? 3e38 : 4'
 	"$gdmerge" -q a.exr b.exr -o out.exr --compression none
-	[ "$(val out.exr R 0 1)" = 3 ] && [ "$(val out.exr R 1 1)" = 5 ] && [ "$(val out.exr R 2 1)" = 5 ]
-	[ "$(val out.exr R 3 1)" = 5 ] && [ "$(val out.exr samples 1 1)" = 4 ]
+	[ "$(val out.exr R 0 1)" = 3 ]
+	[ "$(val out.exr R 1 1)" = 5 ]
+	[ "$(val out.exr R 2 1)" = 5 ]
+	[ "$(val out.exr R 3 1)" = 5 ]
+	[ "$(val out.exr samples 1 1)" = 4 ]
 }
 
 @test "a variance of the wrong kind is noticed" {
@@ -187,7 +193,8 @@ near() { awk -v a="$1" -v b="$2" 'BEGIN { d = a - b; if (d < 0) d = -d; exit !(d
 	[ "$status" -eq 0 ]
 	[[ "$stderr" == *"the inputs' own standard deviation is "*"is --variance right?" ]]
 	run --separate-stderr "$gdmerge" v?.exr --variance sample -o out.exr
-	[ "$status" -eq 0 ] && [ -z "$stderr" ]
+	[ "$status" -eq 0 ]
+	[ -z "$stderr" ]
 }
 
 @test "--halves for a reference, --bins" {
@@ -232,7 +239,9 @@ near() { awk -v a="$1" -v b="$2" 'BEGIN { d = a - b; if (d < 0) d = -d; exit !(d
 	[ "$stderr" = "gdmerge: moved.exr: data window at (1, 0), expected (0, 0) as in a.exr" ]
 	head -c 300 a.exr >cut.exr
 	run --separate-stderr "$gdmerge" a.exr cut.exr -o out.exr
-	[ "$status" -eq 2 ] && [ "${#stderr_lines[@]}" -eq 1 ] && [[ "$stderr" == "gdmerge: cut.exr: "* ]]
+	[ "$status" -eq 2 ]
+	[ "${#stderr_lines[@]}" -eq 1 ]
+	[[ "$stderr" == "gdmerge: cut.exr: "* ]]
 	[ ! -e out.exr ]
 }
 

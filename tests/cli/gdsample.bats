@@ -26,7 +26,9 @@ sum() { awk -v m="$(val "$1" sampling)" 'BEGIN { printf "%.0f", m * 1200 }'; }
 @test "the map goes beside what was there, and its sum is the budget" {
 	frame
 	run --separate-stderr "$gdsample" --spp 4 in.exr out.exr --compression none
-	[ "$status" -eq 0 ] && [ -z "$output" ] && [ -z "$stderr" ]
+	[ "$status" -eq 0 ]
+	[ -z "$output" ]
+	[ -z "$stderr" ]
 	[ "$(names out.exr)" = "$(names in.exr | sed 's/samples /samples sampling /')" ]
 	[ "$(sum out.exr)" = 4800 ]
 	for c in R G B error.R samples A model.spread light.R; do
@@ -46,7 +48,8 @@ sum() { awk -v m="$(val "$1" sampling)" 'BEGIN { printf "%.0f", m * 1200 }'; }
 	[ "$(val out.exr sampling 5 5)" = 3 ] || [ "$(val out.exr sampling 5 5)" = 2 ]
 	[ "$(val out.exr sampling 33 20)" = 5 ]
 	"$gdsample" --spp 4 --floor 1 in.exr out.exr --compression none
-	[ "$(val out.exr sampling 5 5)" = 4 ] && [ "$(val out.exr sampling 33 20)" = 4 ]
+	[ "$(val out.exr sampling 5 5)" = 4 ]
+	[ "$(val out.exr sampling 33 20)" = 4 ]
 	"$gdsample" --spp 4 --multiple 8 in.exr out.exr --compression none
 	[ "$(sum out.exr)" = 4800 ]
 	for x in 3 19 24 31; do [ $(($(val out.exr sampling $x 9) % 8)) -eq 0 ]; done
@@ -55,34 +58,44 @@ sum() { awk -v m="$(val "$1" sampling)" 'BEGIN { printf "%.0f", m * 1200 }'; }
 @test "a budget is needed, one, and one that can be spent" {
 	frame
 	run --separate-stderr "$gdsample" in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: no budget: give --spp or --total" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: no budget: give --spp or --total" ]
 	run --separate-stderr "$gdsample" --spp 1 --total 9 in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --spp and --total are two budgets: give one" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: --spp and --total are two budgets: give one" ]
 	run --separate-stderr "$gdsample" --spp 7 --max 6 in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: 8400 samples are more than 6 for each of 1200 pixels" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: 8400 samples are more than 6 for each of 1200 pixels" ]
 	run --separate-stderr "$gdsample" --spp 2 --min 3 in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: 2400 samples are less than 3 for each of 1200 pixels" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: 2400 samples are less than 3 for each of 1200 pixels" ]
 	run --separate-stderr "$gdsample" --spp 2 --min 3 --max 2 in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --min 3 is above --max 2" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: --min 3 is above --max 2" ]
 	run --separate-stderr "$gdsample" --total 10.5 in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --total 10.5: expected a multiple of 1" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: --total 10.5: expected a multiple of 1" ]
 	run --separate-stderr "$gdsample" --spp 2 --multiple 5000 in.exr out.exr
 	[ "$status" -eq 2 ]
 	[ "$stderr" = "gdsample: --spp 2: rounded to a multiple of 5000, no sample in all 40 x 30 pixels" ]
 	run --separate-stderr "$gdsample" --spp 2 --floor -0.5 in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --floor -0.5: expected 0 to 1, or -1" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: --floor -0.5: expected 0 to 1, or -1" ]
 	run --separate-stderr "$gdsample" --spp 2 --blur -0.5 in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --blur -0.5: expected 0 to 10, or -1" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: --blur -0.5: expected 0 to 10, or -1" ]
 	[ ! -e out.exr ]
 }
 
 @test "a missing channel is named" {
 	"$support/mkexr.pl" in.exr 4 3 R=1 G=1 B=1
 	run --separate-stderr "$gdsample" --spp 1 in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: in.exr: no channel error.R" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: in.exr: no channel error.R" ]
 	"$support/mkexr.pl" in.exr 4 3 R=1 G=1 error.R=1 error.G=1 error.B=1
 	run --separate-stderr "$gdsample" --spp 1 in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: in.exr: no channel B" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: in.exr: no channel B" ]
 }
 
 @test "samples come from the channel, an attribute, an option, or are taken for 1" {
@@ -93,26 +106,32 @@ sum() { awk -v m="$(val "$1" sampling)" 'BEGIN { printf "%.0f", m * 1200 }'; }
 	awk -v a="$(val even.exr sampling 33 5)" -v b="$(val even.exr sampling 33 20)" 'BEGIN { d = a - b; exit !(d * d <= 1) }'
 	"$support/mkexr.pl" bare.exr 6 5 R=1 G=1 B=1 error.R='$x' error.G=1 error.B=1
 	run --separate-stderr "$gdsample" --spp 4 bare.exr out.exr
-	[ "$status" -eq 0 ] && [[ "$stderr" == "gdsample: warning: the file does not say how many samples"* ]]
+	[ "$status" -eq 0 ]
+	[[ "$stderr" == "gdsample: warning: the file does not say how many samples"* ]]
 	run --separate-stderr "$gdsample" --spp 4 --samples 2 bare.exr out.exr
-	[ "$status" -eq 0 ] && [ -z "$stderr" ]
+	[ "$status" -eq 0 ]
+	[ -z "$stderr" ]
 	"$support/mkexr.pl" said.exr 6 5 -a gd:samplesPerPixel=8 R=1 G=1 B=1 error.R='$x' error.G=1 error.B=1
 	run --separate-stderr "$gdsample" --spp 4 -v said.exr out.exr
-	[ "$status" -eq 0 ] && [[ "$stderr" == *"8 samples a pixel so far"* ]]
+	[ "$status" -eq 0 ]
+	[[ "$stderr" == *"8 samples a pixel so far"* ]]
 }
 
 @test "no error anywhere: even, and told" {
 	frame in.exr error.R=0 error.G=0 error.B=0
 	run --separate-stderr "$gdsample" --spp 3 in.exr out.exr --compression none
-	[ "$status" -eq 0 ] && [[ "$stderr" == *"no error anywhere: the map is even"* ]]
-	[ "$(val out.exr sampling 5 5)" = 3 ] && [ "$(val out.exr sampling 33 20)" = 3 ]
+	[ "$status" -eq 0 ]
+	[[ "$stderr" == *"no error anywhere: the map is even"* ]]
+	[ "$(val out.exr sampling 5 5)" = 3 ]
+	[ "$(val out.exr sampling 33 20)" = 3 ]
 }
 
 @test "NaN, Inf and fireflies do not take the budget; one pixel is enough" {
 	frame in.exr error.G='$x == 3 && $y == 4 ? nan() : $x == 30 && $y == 9 ? inf() : 1e-5' \
 		R='$x == 8 && $y == 8 ? 1e30 : $x == 9 && $y == 9 ? nan() : 0.5'
 	run --separate-stderr "$gdsample" --spp 4 in.exr out.exr --compression none
-	[ "$status" -eq 0 ] && [ "$(sum out.exr)" = 4800 ]
+	[ "$status" -eq 0 ]
+	[ "$(sum out.exr)" = 4800 ]
 	awk -v a="$(val out.exr sampling 30 9)" 'BEGIN { exit !(a > 4 && a < 2000) }'
 	"$support/mkexr.pl" dot.exr 1 1 R=1 G=1 B=1 error.R=1 error.G=1 error.B=1 samples=4
 	"$gdsample" --total 12345 dot.exr out.exr --compression none
@@ -152,9 +171,11 @@ sum() { awk -v m="$(val "$1" sampling)" 'BEGIN { printf "%.0f", m * 1200 }'; }
 	"$gdsample" --spp 4 --png map.png in.exr out.exr
 	[ "$(head -c 4 map.png | od -An -tx1 | tr -d ' ')" = 89504e47 ]
 	run --separate-stderr "$gdsample" --spp 4 --png map.exr in.exr out2.exr
-	[ "$status" -eq 2 ] && [[ "$stderr" == "gdsample: --png: map.exr: "* ]]
+	[ "$status" -eq 2 ]
+	[[ "$stderr" == "gdsample: --png: map.exr: "* ]]
 	run --separate-stderr bash -c "'$gdsample' --spp 4 --png - in.exr | wc -c; exit \${PIPESTATUS[0]}"
-	[ "$status" -eq 2 ] && [ "$output" -eq 0 ]
+	[ "$status" -eq 2 ]
+	[ "$output" -eq 0 ]
 	[ "$stderr" = "gdsample: --png -: the output of the map itself" ]
 	[ ! -e out2.exr ]
 }
@@ -183,7 +204,8 @@ relmse() { "$bin/gdrelmse" -q --format tsv -r "$data/reference.exr" "$1" | tail 
 @test "two passes merge to what one render would have been, and pay" {
 	loop --multiple 2
 	run --separate-stderr "$bin/gdmerge" first.exr second.exr -o merged.exr
-	[ "$status" -eq 0 ] && [ -z "$stderr" ]
+	[ "$status" -eq 0 ]
+	[ -z "$stderr" ]
 	gdcheck all.exr merged.exr 1e-5
 	"$bin/gdapr" --fast -q merged.exr merged-clean.exr
 	gdspend "$data/path16eq.exr" even.exr 2 3
@@ -210,7 +232,8 @@ relmse() { "$bin/gdrelmse" -q --format tsv -r "$data/reference.exr" "$1" | tail 
 	loop
 	for f in first second; do gdcut $f.exr $f-whole.exr 0 0 112 96 bin half; done
 	run --separate-stderr "$bin/gdmerge" first-whole.exr second-whole.exr -o merged.exr
-	[ "$status" -eq 0 ] && [[ "$stderr" == *"pixels have samples in the even or the odd bins only: render every pass in two parts"* ]]
+	[ "$status" -eq 0 ]
+	[[ "$stderr" == *"pixels have samples in the even or the odd bins only: render every pass in two parts"* ]]
 	"$bin/gdmerge" -q --bins 0 first-whole.exr second-whole.exr -o binless.exr
 	for f in merged binless; do
 		"$bin/gdapr" -q $f.exr $f-clean.exr
@@ -237,14 +260,18 @@ relmse() { "$bin/gdrelmse" -q --format tsv -r "$data/reference.exr" "$1" | tail 
 @test "--gradients: what does not fit is named" {
 	frame
 	run --separate-stderr "$gdsample" --spp 4 --gradients in.exr in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: in.exr: 0 bins of the colour, at least 4 are needed" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: in.exr: 0 bins of the colour, at least 4 are needed" ]
 	run --separate-stderr "$gdsample" --spp 4 --gradients none.exr in.exr out.exr
-	[ "$status" -eq 2 ] && [[ "$stderr" == "gdsample: none.exr: "* ]]
+	[ "$status" -eq 2 ]
+	[[ "$stderr" == "gdsample: none.exr: "* ]]
 	run --separate-stderr bash -c "'$gdsample' --spp 4 --gradients - <in.exr >out.exr"
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: --gradients -: standard input is the denoised image" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: --gradients -: standard input is the denoised image" ]
 	data=${GD_TESTDATA:-$top/testdata}/kitchen
 	run --separate-stderr "$gdsample" --spp 4 --gradients "$data/gpt16.exr" in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsample: $data/gpt16.exr: is 112x96, expected 40x30" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsample: $data/gpt16.exr: is 112x96, expected 40x30" ]
 	run --separate-stderr "$gdsample" --spp 4 --gradients in.exr --gradient-cost 0.5 in.exr out.exr
 	[ "$status" -eq 2 ]
 }

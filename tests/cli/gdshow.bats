@@ -157,7 +157,8 @@ ramp() {
 	run -2 --separate-stderr gdshow --zoom 64 -l Z wide.exr out.png
 	mkexr big.exr 1000 40 Z=1
 	run -2 --separate-stderr gdshow --sheet --zoom 64 -l Z,Z,Z big.exr -o out.png
-	[ "${#stderr_lines[@]}" -eq 1 ] && [[ $stderr == *megapixels ]]
+	[ "${#stderr_lines[@]}" -eq 1 ]
+	[[ $stderr == *megapixels ]]
 	[ ! -e out.png ]
 }
 

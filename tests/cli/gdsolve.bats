@@ -82,18 +82,23 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !(d <= t && 
 @test "missing channels are named" {
 	"$support/mkexr.pl" a.exr 4 4 R=1 G=1 B=1
 	run --separate-stderr "$bin/gdsolve" a.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: a.exr: no channel dx.R" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsolve: a.exr: no channel dx.R" ]
 	[ ! -e out.exr ]
 	"$support/mkexr.pl" b.exr 4 4 R=1 G=1 B=1 dx.R=0 dx.G=0 dx.B=0 dy.R=0 dy.G=0 dy.B=0
 	run --separate-stderr "$bin/gdsolve" -m wls b.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: b.exr: no channel dx.variance.R, which --method wls needs" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsolve: b.exr: no channel dx.variance.R, which --method wls needs" ]
 	"$support/mkexr.pl" c.exr 4 4 dx.R=0 dx.G=0 dx.B=0 dy.R=0 dy.G=0 dy.B=0
 	run --separate-stderr "$bin/gdsolve" c.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: c.exr: no channel R, which --method l1 needs" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsolve: c.exr: no channel R, which --method l1 needs" ]
 	run --separate-stderr "$bin/gdsolve" -m ols c.exr out.exr
-	[ "$status" -eq 0 ] && [[ "$stderr" == *"the mean of the result is 0" ]]
+	[ "$status" -eq 0 ]
+	[[ "$stderr" == *"the mean of the result is 0" ]]
 	run --separate-stderr "$bin/gdsolve" -m l3 b.exr out.exr
-	[ "$status" -eq 2 ] && [[ "$stderr" == *'--method "l3": expected ols, wls, l2 or l1' ]]
+	[ "$status" -eq 2 ]
+	[[ "$stderr" == *'--method "l3": expected ols, wls, l2 or l1' ]]
 }
 
 @test "a pixel that is no number does not spread" {
@@ -171,21 +176,27 @@ paired() {
 @test "--pairs: what is wrong is said" {
 	paired in.exr
 	run --separate-stderr "$bin/gdsolve" -m wls in.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: --method wls: pairs are solved by l2 or l1" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsolve: --method wls: pairs are solved by l2 or l1" ]
 	"$support/mkexr.pl" a.exr 4 4 R=1 G=1 B=1
 	run --separate-stderr "$bin/gdsolve" --pairs a.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: a.exr: no channel pair0.x" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsolve: a.exr: no channel pair0.x" ]
 	"$support/mkexr.pl" b.exr 4 4 R=1 G=1 B=1 pair0.x=0
 	run --separate-stderr "$bin/gdsolve" b.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: b.exr: no channel pair0.R" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsolve: b.exr: no channel pair0.R" ]
 	"$support/mkexr.pl" c.exr 4 4 R=1 G=1 B=1 pair0.x=0 pair0.R=0 pair0.G=0 pair0.B=0
 	run --separate-stderr "$bin/gdsolve" c.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: c.exr: no channel pair0.y" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsolve: c.exr: no channel pair0.y" ]
 	"$support/mkexr.pl" d.exr 4 4 R=1 G=1 pair0.x=0 pair0.y=0 pair0.R=0 pair0.G=0 pair0.B=0
 	run --separate-stderr "$bin/gdsolve" d.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: d.exr: no channel B, which pairs need" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsolve: d.exr: no channel B, which pairs need" ]
 	"$support/mkexr.pl" e.exr 4 4 R=1 G=1 B=1 pair0.x=3 pair0.y=0 pair0.R=0 pair0.G=0 pair0.B=0
 	run --separate-stderr "$bin/gdsolve" e.exr out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "gdsolve: e.exr: pair0.x is 3 at pixel 0,0, expected a whole number from -2 to 2" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "gdsolve: e.exr: pair0.x is 3 at pixel 0,0, expected a whole number from -2 to 2" ]
 	[ ! -e out.exr ]
 }
