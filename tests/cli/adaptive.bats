@@ -17,22 +17,29 @@ spp() { perl "$top/tests/support/exrval.pl" "$1" samples 2>/dev/null || perl "$t
 
 @test "usage, and what is refused" {
 	run --separate-stderr "$adaptive" -h
-	[ "$status" -eq 0 ] && [[ "$output" == "usage: adaptive.sh [options] scene.gltf clean.exr"* ]]
+	[ "$status" -eq 0 ]
+	[[ "$output" == "usage: adaptive.sh [options] scene.gltf clean.exr"* ]]
 	run --separate-stderr "$adaptive" one.gltf
-	[ "$status" -eq 2 ] && [[ "$stderr" == "usage: "* ]]
+	[ "$status" -eq 2 ]
+	[[ "$stderr" == "usage: "* ]]
 	run --separate-stderr "$adaptive" -p 0 one.gltf out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "adaptive.sh: -p 0: expected 1 to 99" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "adaptive.sh: -p 0: expected 1 to 99" ]
 	run --separate-stderr "$adaptive" -g some one.gltf out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "adaptive.sh: -g some: expected auto, all or none" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "adaptive.sh: -g some: expected auto, all or none" ]
 	run --separate-stderr "$adaptive" -d gdbag one.gltf out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "adaptive.sh: -d gdbag: expected gdapr or gdlwr" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "adaptive.sh: -d gdbag: expected gdapr or gdlwr" ]
 	mkdir none
 	for t in gdmerge gdfeature gdapr gdsample; do ln -s "$bin/$t" none/; done
 	run --separate-stderr env PATH="$PWD/none:/usr/bin:/bin" "$adaptive" one.gltf out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "adaptive.sh: gdrender: not found; is it built, and its directory in PATH?" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "adaptive.sh: gdrender: not found; is it built, and its directory in PATH?" ]
 	need_renderer
 	run --separate-stderr "$adaptive" one.gltf out.exr
-	[ "$status" -eq 2 ] && [ "$stderr" = "adaptive.sh: one.gltf: cannot be read" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "adaptive.sh: one.gltf: cannot be read" ]
 }
 
 @test "passes cost what was asked for, and nothing is left behind" {

@@ -64,7 +64,8 @@ options_of_manual() {
 }
 
 @test "a missing input takes one line and exit 2, and leaves nothing behind" {
-	mkdir empty && cd empty
+	mkdir empty
+	cd empty
 	for t in $(tools); do
 		run --separate-stderr bash -c "'$bin/$t' nowhere.exr nowhere2.exr -o out 2>&1 >/dev/null </dev/null"
 		[ "$status" -eq 2 ]

@@ -33,7 +33,9 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 @test "noise goes, the mean stays, used channels are gone, others stay" {
 	frame in.exr
 	run --separate-stderr "$gdapr" in.exr out.exr --compression none
-	[ "$status" -eq 0 ] && [ -z "$output" ] && [ -z "$stderr" ]
+	[ "$status" -eq 0 ]
+	[ -z "$output" ]
+	[ -z "$stderr" ]
 	near "$(val out.exr R 30 10)" 3 0.1
 	near "$(val out.exr R 10 20)" 1 0.1
 	near "$(val out.exr R)" "$(val in.exr R)" 0.005
@@ -137,7 +139,8 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 	for t in "no channel G|" "no feature layer albedo|-f albedo" "no layer diffuse|-l diffuse"; do
 		[ "${t%%|*}" = "no channel G" ] || "$support/mkexr.pl" in.exr 5 5 R=1 G=1 B=1
 		run --separate-stderr "$gdapr" ${t##*|} in.exr out.exr
-		[ "$status" -eq 2 ] && [ -z "$output" ]
+		[ "$status" -eq 2 ]
+		[ -z "$output" ]
 		[ "$stderr" = "gdapr: in.exr: ${t%%|*}" ]
 		[ ! -e out.exr ]
 	done
@@ -147,7 +150,9 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !((d < 0 ? -
 	frame in.exr
 	for o in "-r 65" "--order 4" "--order-min 2 --order 1" "--step 0" "-r 2 --step 6" "--kernel disc" "--spikes away"; do
 		run --separate-stderr "$gdapr" $o in.exr out.exr
-		[ "$status" -eq 2 ] && [ -n "$stderr" ] && [ "${#stderr_lines[@]}" -le 2 ]
+		[ "$status" -eq 2 ]
+		[ -n "$stderr" ]
+		[ "${#stderr_lines[@]}" -le 2 ]
 		[ ! -e out.exr ]
 	done
 }

@@ -35,14 +35,18 @@ refused() {
 	local line=$1
 	shift
 	run --separate-stderr "$gdlwr" "$@" out.exr
-	[ "$status" -eq 2 ] && [ -z "$output" ] && [ ! -e out.exr ]
+	[ "$status" -eq 2 ]
+	[ -z "$output" ]
+	[ ! -e out.exr ]
 	[ "$stderr" = "gdlwr: $line" ] || { echo "$stderr"; return 1; }
 }
 
 @test "noise goes, the mean stays, used channels are gone, others stay" {
 	frame in.exr
 	run --separate-stderr "$gdlwr" in.exr out.exr --compression none
-	[ "$status" -eq 0 ] && [ -z "$output" ] && [ -z "$stderr" ]
+	[ "$status" -eq 0 ]
+	[ -z "$output" ]
+	[ -z "$stderr" ]
 	near "$(val out.exr R 30 10)" 3 0.1
 	near "$(val out.exr R 10 20)" 1 0.1
 	near "$(val out.exr R)" "$(val in.exr R)" 0.01
@@ -183,7 +187,9 @@ refused() {
 	for o in "-r 16" "-r 0" "--granularity 32" "--forget 0.4" "--forget 1.1"; do
 		# shellcheck disable=SC2086
 		run --separate-stderr "$gdlwr" $o in.exr out.exr
-		[ "$status" -eq 2 ] && [[ "$stderr" == *"is not in"* ]] && [ ! -e out.exr ]
+		[ "$status" -eq 2 ]
+		[[ "$stderr" == *"is not in"* ]]
+		[ ! -e out.exr ]
 	done
 }
 

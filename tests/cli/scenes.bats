@@ -20,10 +20,12 @@ mkscenes() { "${GD_SUPPORT:-$top/build/opt/tests/support}/mkscenes" "$@"; }
 
 @test "mkscenes says where it cannot write" {
 	run --separate-stderr mkscenes nowhere
-	[ "$status" -eq 2 ] && [ -z "$output" ]
+	[ "$status" -eq 2 ]
+	[ -z "$output" ]
 	[[ "$stderr" == nowhere/*": No such file or directory" ]]
 	run --separate-stderr mkscenes
-	[ "$status" -eq 2 ] && [ "$stderr" = "usage: mkscenes FOLDER" ]
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "usage: mkscenes FOLDER" ]
 }
 
 @test "all scenes together stay small, and each has its options and a line in SOURCES" {
@@ -51,20 +53,25 @@ mkscenes() { "${GD_SUPPORT:-$top/build/opt/tests/support}/mkscenes" "$@"; }
 	export REF_SIZE=16x12 REF_SPP=2 REF_PASSES=3
 	references() { run "$top/tests/references.sh" "$bin" "$scenes" out caustic; }
 	references
-	[ "$status" -eq 0 ] && [ "${#lines[@]}" -eq 3 ]
+	[ "$status" -eq 0 ]
+	[ "${#lines[@]}" -eq 3 ]
 	[ "$(cmp out/caustic.part0.exr out/caustic.part1.exr 2>&1)" != "" ]
 	cp out/caustic.exr first.exr
 	rm out/caustic.part1.exr
 	references
-	[ "$status" -eq 0 ] && [ "$output" = "caustic: part 2 of 3, 2 samples a pixel" ]
+	[ "$status" -eq 0 ]
+	[ "$output" = "caustic: part 2 of 3, 2 samples a pixel" ]
 	"$bin/gdrelmse" --plain --max 0 first.exr out/caustic.exr
 	"$bin/gdrelmse" out/caustic.part0.exr out/caustic.exr | grep -q "two halves"
 	references
-	[ "$status" -eq 0 ] && [ -z "$output" ]
+	[ "$status" -eq 0 ]
+	[ -z "$output" ]
 	REF_PASSES=4 references
-	[ "$status" -eq 0 ] && [ "$output" = "caustic: part 4 of 4, 2 samples a pixel" ]
+	[ "$status" -eq 0 ]
+	[ "$output" = "caustic: part 4 of 4, 2 samples a pixel" ]
 	REF_SPP=3 references
-	[ "$status" -eq 0 ] && [ "${#lines[@]}" -eq 3 ]
+	[ "$status" -eq 0 ]
+	[ "${#lines[@]}" -eq 3 ]
 	run "$top/tests/references.sh" "$bin" "$scenes" out nowhere
 	[ "$status" -eq 2 ]
 }

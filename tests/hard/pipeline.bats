@@ -139,14 +139,18 @@ pipeline() {
 	for tool in "gdsolve -m l1" "gdsolve -m ols"; do
 		# shellcheck disable=SC2086
 		run -2 --separate-stderr $tool in.exr -o out.exr
-		[ -z "$output" ] && [ "${#stderr_lines[@]}" -eq 1 ] && [[ $stderr == "${tool%% *}: in.exr: "*dx* ]]
+		[ -z "$output" ]
+		[ "${#stderr_lines[@]}" -eq 1 ]
+		[[ $stderr == "${tool%% *}: in.exr: "*dx* ]]
 		[ ! -e out.exr ]
 	done
 	mkgd in.exr 9 7 drop=G
 	for tool in gdapr gdlwr "gdsolve -m l2"; do
 		# shellcheck disable=SC2086
 		run -2 --separate-stderr $tool in.exr -o out.exr
-		[ -z "$output" ] && [ "${#stderr_lines[@]}" -eq 1 ] && [[ $stderr == "${tool%% *}: in.exr: "*"channel"*G* ]]
+		[ -z "$output" ]
+		[ "${#stderr_lines[@]}" -eq 1 ]
+		[[ $stderr == "${tool%% *}: in.exr: "*"channel"*G* ]]
 	done
 	mkgd in.exr 9 7 drop=albedo drop=N drop=Z drop=dx drop=dy drop=bin
 	run_one clean gdapr in.exr
@@ -213,9 +217,11 @@ pipeline() {
 	for tool in "gdmerge in.exr" "gdsolve in.exr" "gdbag in.exr" "gdfeature in.exr" "gdapr feature.exr" "gdlwr feature.exr"; do
 		# shellcheck disable=SC2086
 		run -2 --separate-stderr $tool -o /dev/full
-		[ "${#stderr_lines[@]}" -eq 1 ] && [[ $stderr == "${tool%% *}: "*"No space left on device"* ]]
+		[ "${#stderr_lines[@]}" -eq 1 ]
+		[[ $stderr == "${tool%% *}: "*"No space left on device"* ]]
 		run -2 --separate-stderr bash -c "$tool >/dev/full"
-		[ "${#stderr_lines[@]}" -eq 1 ] && [[ $stderr == "${tool%% *}: "*"No space left on device"* ]]
+		[ "${#stderr_lines[@]}" -eq 1 ]
+		[[ $stderr == "${tool%% *}: "*"No space left on device"* ]]
 		run --separate-stderr bash -c "$tool | true"
 		[ -z "$stderr" ]
 	done
@@ -241,9 +247,12 @@ pipeline() {
 	for tool in gdmerge gdsolve gdbag gdfeature gdapr gdlwr; do
 		for f in cut empty text; do
 			run -2 --separate-stderr bash -c "cat $f.exr | $tool -o out.exr"
-			[ -z "$output" ] && [ "${#stderr_lines[@]}" -eq 1 ] && [ ! -e out.exr ]
+			[ -z "$output" ]
+			[ "${#stderr_lines[@]}" -eq 1 ]
+			[ ! -e out.exr ]
 			run -2 --separate-stderr $tool $f.exr -o out.exr
-			[ "${#stderr_lines[@]}" -eq 1 ] && [ ! -e out.exr ]
+			[ "${#stderr_lines[@]}" -eq 1 ]
+			[ ! -e out.exr ]
 		done
 	done
 	[ "$(find . -name '*.exr*' | wc -l)" -eq 4 ]
@@ -282,7 +291,8 @@ pipeline() {
 		gdapr -j $j in.exr -o out.exr --neighbours twin.exr third.exr
 		perl "$root/tests/support/pixels.pl" out.exr >>$j.raw
 	done
-	cmp 1.raw 2.raw && cmp 1.raw 7.raw
+	cmp 1.raw 2.raw
+	cmp 1.raw 7.raw
 }
 
 @test "damaged files: refused in one line, or finite numbers; as another frame, too" {
