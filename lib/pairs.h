@@ -82,7 +82,4 @@ bool gd_pairs_want(struct gd_image *im);
 /* Number of layers pair0 pair1 ... whose x im has, whether read or not. */
 int gd_pairs_layers(const struct gd_image *im);
 
-/* Adds the channels pairK.x pairK.y to im, which has the size of pairs. */
-int gd_pairs_write(const struct gd_pairs *pairs, struct gd_image *im, struct gd_err *err);
-
 #endif

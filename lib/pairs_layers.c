@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Pairs out of an image's channels and into them. */
+/* Pairs out of an image's channels. */
 #include "pairs.h"
 
 #include <math.h>
@@ -153,27 +153,4 @@ int gd_pairs_from_image(struct gd_pairs *pairs, const struct gd_image *im, struc
 		rc = gd_pairs_choose(pairs, looks, im->w, im->h, err);
 	free(looks);
 	return rc;
-}
-
-int gd_pairs_write(const struct gd_pairs *pairs, struct gd_image *im, struct gd_err *err)
-{
-	char name[16];
-
-	if (im->w != pairs->w || im->h != pairs->h)
-		return gd_fail(err, GD_ESHAPE, "pairs of %dx%d pixels, expected %dx%d", pairs->w,
-			       pairs->h, im->w, im->h);
-	for (int k = 0; k < GD_PAIRS; k++)
-		for (int i = 0; i < 2; i++) {
-			const signed char *from = i ? pairs->dy[k] : pairs->dx[k];
-			struct gd_plane to;
-			int rc = gd_image_add(im, channel(name, k, "xy"[i]), &to, err);
-
-			if (rc != GD_OK)
-				return rc;
-			for (int y = 0; y < im->h; y++)
-				for (int x = 0; x < im->w; x++)
-					gd_row(to, y)[x] =
-						(float)from[(size_t)y * (size_t)im->w + (size_t)x];
-		}
-	return GD_OK;
 }
