@@ -65,8 +65,9 @@ static int parse_sky(struct gd_v3 *sky, const char *text, struct gd_err *err)
 	good = end >= 0 && !text[end];
 	if (!good)
 		return gd_fail(err, GD_EARG, "--sky \"%s\" is neither a number nor R,G,B", text);
-	if (!(sky->x >= 0 && sky->y >= 0 && sky->z >= 0 && isfinite(sky->x + sky->y + sky->z)))
-		return gd_fail(err, GD_EARG, "--sky %s: expected radiance from 0", text);
+	if (!(sky->x >= 0 && sky->y >= 0 && sky->z >= 0 && gd_largest(*sky) <= GD_SKY_MAX))
+		return gd_fail(err, GD_EARG, "--sky %s: expected radiance from 0 to %g", text,
+			       (double)GD_SKY_MAX);
 	return GD_OK;
 }
 
@@ -108,6 +109,9 @@ static int settle(struct job *job, struct gd_err *err)
 		return gd_fail(err, GD_EARG, "--environment and --sky are two skies: give one");
 	if (opt->focus > 0 && !(opt->aperture > 0))
 		return gd_fail(err, GD_EARG, "--focus without an --aperture changes nothing");
+	if (opt->map[PAIRS] && !opt->map[GRADIENTS] && !(opt->share > 0))
+		return gd_fail(err, GD_EARG,
+			       "--pairs tells where gradients are, and --gradients 0 takes none");
 	if (opt->bins == 1)
 		return gd_fail(err, GD_EARG, "--bins 1: expected 0, or 2 to %d", GD_RENDER_BINS);
 	if (opt->map[SAMPLING] && opt->spp)

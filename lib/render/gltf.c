@@ -196,9 +196,9 @@ static int check_options(const struct gd_scene_options *o, struct gd_err *err)
 
 	if (o->w < 1 || o->h < 1)
 		return gd_fail(err, GD_EARG, "an image of %dx%d pixels", o->w, o->h);
-	if (!(sky.x >= 0 && sky.y >= 0 && sky.z >= 0 && gd_largest(sky) <= 1e30f))
-		return gd_fail(err, GD_EARG, "the sky's radiance is %g %g %g, wanted numbers >= 0",
-			       (double)sky.x, (double)sky.y, (double)sky.z);
+	if (!(sky.x >= 0 && sky.y >= 0 && sky.z >= 0 && gd_largest(sky) <= GD_SKY_MAX))
+		return gd_fail(err, GD_EARG, "the sky's radiance is %g %g %g, wanted 0 to %g",
+			       (double)sky.x, (double)sky.y, (double)sky.z, (double)GD_SKY_MAX);
 	if (o->environment && !gd_black(sky))
 		return gd_fail(err, GD_EARG, "both an environment and a constant sky");
 	if (!(o->aperture >= 0 && o->aperture < 1e15f && o->focus >= 0 && o->focus < 1e15f))

@@ -15,6 +15,7 @@
 #include "render/vec.h"
 
 #define GD_NO_INDEX UINT32_MAX
+#define GD_SKY_MAX 1e30f	/* radiance; sums over directions and paths stay finite */
 
 /*
  * glTF's metallic-roughness material. Colours are linear. Texture indices may be GD_NO_INDEX; a
@@ -103,7 +104,8 @@ struct gd_scene_options {
 	int w, h;			/* of the image: tan_x is tan_y times w / h */
 	const char *camera;		/* name; NULL: the first */
 	const char *environment;	/* EXR, HDR or any other image file; NULL: none */
-	struct gd_v3 sky;		/* constant radiance, not beside an environment */
+	struct gd_v3 sky;		/* constant radiance, 0 .. GD_SKY_MAX; not beside an
+					   environment */
 	float aperture;			/* lens radius in metres, 0: pinhole */
 	float focus;			/* metres; 0: that of what the centre of the image shows */
 };

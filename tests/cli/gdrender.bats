@@ -125,8 +125,9 @@ small() { "$gdrender" -q --size 24x18 --compression none "$scene" "$@"; }
 	try '--bins 1: expected 0, or 2 to 64' --bins 1
 	try 'option --bins: 65 is not in 0 to 64' --bins 65
 	try '--sky "1,2" is neither a number nor R,G,B' --sky 1,2
-	try '--sky -1: expected radiance from 0' --sky -1
+	for s in -1 1e38 1e39 nan 1,2e30,3; do try "--sky $s: expected radiance from 0 to 1e+30" --sky $s; done
 	try '--environment and --sky are two skies: give one' --environment a.exr --sky 1
+	try '--pairs tells where gradients are, and --gradients 0 takes none' --pairs a.exr --gradients 0
 	try '--focus without an --aperture changes nothing' --focus 2
 	try 'out of memory: 65536 x 65536 pixels' --size 65536x65536
 	run --separate-stderr "$gdrender" - -o out.exr </dev/null

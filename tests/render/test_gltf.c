@@ -842,6 +842,9 @@ static void environment_file(void **state)
 	o.sky.y = NAN;
 	assert_null(load_with("dark.gltf", &o));
 	assert_int_equal(err.code, GD_EARG);
+	o.sky.y = 2e30f;
+	assert_null(load_with("dark.gltf", &o));
+	assert_string_equal(err.text, "the sky's radiance is 0 2e+30 0, wanted 0 to 1e+30");
 }
 
 /* --- what cannot be loaded --- */
