@@ -147,6 +147,7 @@ static void tell_result(struct gd_cli *cli, const struct gd_merge_result *r)
 	gd_cli_stat(cli, "dropped_pixels", (double)r->dropped);
 	gd_cli_stat(cli, "empty_pixels", (double)r->empty);
 	gd_cli_stat(cli, "one_sided_pixels", (double)r->one_sided);
+	gd_cli_stat(cli, "twin_inputs", r->twins);
 	if (r->spread_ratio > 0)
 		gd_cli_stat(cli, "spread_ratio", r->spread_ratio);
 	if (r->dropped)
@@ -159,6 +160,9 @@ static void tell_result(struct gd_cli *cli, const struct gd_merge_result *r)
 		gd_cli_warn(cli, "%zu pixels have samples in the even or the odd bins only: "
 			    "render every pass in two parts (gdsample --multiple 2)",
 			    r->one_sided);
+	if (r->twins)
+		gd_cli_warn(cli, "inputs whose colours are those of an earlier one, bit by bit: %d; "
+			    "the same seed twice? (-v tells which)", r->twins);
 	if (r->bins && r->bin_ratio > 1.5)
 		gd_cli_warn(cli, "the fullest bin has %.2g times the samples of the emptiest",
 			    r->bin_ratio);

@@ -503,6 +503,36 @@ static int add_sides(struct gd_merge *m, struct merge_layer *l, const struct sou
 	return rc;
 }
 
+static uint64_t digest(const struct gd_plane *plane, int n)
+{
+	uint64_t h = 0xcbf29ce484222325U;	/* FNV-1a, of words */
+	bool alike = true;
+
+	for (int c = 0; c < n; c++)
+		for (int y = 0; y < plane[c].h; y++)
+			for (int x = 0; x < plane[c].w; x++) {
+				uint32_t bits;
+
+				memcpy(&bits, gd_row(plane[c], y) + x, sizeof bits);
+				h = (h ^ bits) * 0x100000001b3U;
+				alike = alike && !memcmp(&bits, gd_row(plane[c], 0), sizeof bits);
+			}
+	return alike ? 0 : h;
+}
+
+/* The same render twice, or two with the same seed. */
+static void find_twin(struct gd_merge *m, int i, uint64_t colour, const struct gd_report *report)
+{
+	m->input[i].digest = colour;
+	for (int k = 0; k < i && colour; k++)
+		if (m->input[k].digest == colour) {
+			gd_note(report, "%s: the same colours as %s", m->input[i].label,
+				m->input[k].label);
+			m->twins++;
+			return;
+		}
+}
+
 static int add_layer(struct gd_merge *m, struct merge_layer *l, const struct gd_image *im,
 		     struct source *s, const struct gd_count *count, const struct gd_report *report,
 		     struct gd_err *err)
@@ -573,6 +603,8 @@ int gd_merge_add(struct gd_merge *m, int i, struct gd_image *im, const struct gd
 		*s = (struct source){ .in = &m->input[i] };
 		if (m->layer[k].wanted && !m->layer[k].place)
 			rc = add_layer(m, &m->layer[k], im, s, &count, report, err);
+		if (rc == GD_OK && !*m->layer[k].name)
+			find_twin(m, i, digest(s->mean, m->layer[k].n), report);
 	}
 	free(s);
 	return rc;

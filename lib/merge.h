@@ -50,6 +50,8 @@ struct gd_merge_result {
 	size_t dropped;		/* pixels of inputs left out for NaN or Inf, of each layer */
 	size_t empty;		/* pixels of the colour without any sample: 0 */
 	size_t one_sided;	/* pixels with samples in the even or in the odd bins only */
+	int twins;		/* inputs with the colours of an earlier one, bit by bit: no
+				 * independent noise. Images of one colour are not counted */
 	double bin_ratio;	/* samples of the fullest bin over those of the emptiest */
 	double spread_ratio; /* standard deviation by the inputs' variances over that by the spread
 			      * of the bins, in the mean over the image; 0 if not known */

@@ -430,7 +430,7 @@ int gd_merge_finish(struct gd_merge *m, struct gd_image *out, struct gd_merge_re
 {
 	struct merge_layer *colour = gd_merge_layer(m, "");
 	struct gd_merge_result r = { .inputs = m->ninput, .bins = m->keep_bins ? m->bins : 0,
-				     .bin_ratio = bin_ratio(m) };
+				     .bin_ratio = bin_ratio(m), .twins = m->twins };
 	int rc = GD_OK;
 
 	/* gradients last: they may come of the colours */

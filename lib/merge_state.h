@@ -3,6 +3,8 @@
 #ifndef GD_MERGE_STATE_H
 #define GD_MERGE_STATE_H
 
+#include <stdint.h>
+
 #include "accum.h"
 #include "merge.h"
 
@@ -36,6 +38,7 @@ struct merge_input {
 	bool sided;			/* tells the samples of either half, too */
 	int units;			/* bins it holds, else 1 */
 	int first_unit;
+	uint64_t digest;		/* of the bits of its colour; 0: all pixels are alike */
 };
 
 struct gd_merge {
@@ -59,6 +62,7 @@ struct gd_merge {
 	struct gd_plane worth[MERGE_EDGES];	/* in samples, of its gradients, if it tells */
 	struct gd_plane place[MERGE_EDGES - 2][2];	/* pairK.x, pairK.y, of the result */
 	struct gd_plane weight, within;	/* work space */
+	int twins;
 	struct gd_image out;
 };
 

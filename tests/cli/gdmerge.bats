@@ -260,3 +260,22 @@ near() { awk -v a="$1" -v b="$2" 'BEGIN { d = a - b; if (d < 0) d = -d; exit !(d
 	[ "$(val out.exr @dataWindow | od -An -td4 -N16 | tr -s ' ')" = " -5 7 -2 9" ]
 	near "$(val out.exr R 3 2)" 1.5
 }
+
+@test "the same colours twice bring a warning, and -v tells where; black frames do not" {
+	make_exr a.exr 4 3 -a gd:samplesPerPixel=2 R='$x+$y' G=1 B=1
+	make_exr b.exr 4 3 -a gd:samplesPerPixel=2 R='$x+2*$y' G=1 B=1
+	cp a.exr twin.exr
+	run --separate-stderr "$gdmerge" a.exr b.exr twin.exr a.exr -o out.exr --stats s.json
+	[ "$status" -eq 0 ]
+	[ "$stderr" = "gdmerge: warning: inputs whose colours are those of an earlier one, bit by bit: 2; the same seed twice? (-v tells which)" ]
+	grep -q '"twin_inputs": 2' s.json
+	run --separate-stderr "$gdmerge" -v a.exr b.exr twin.exr -o out.exr
+	[[ "$stderr" == *"gdmerge: twin.exr: the same colours as a.exr"* ]]
+	run --separate-stderr "$gdmerge" -q a.exr twin.exr -o out.exr
+	[ -z "$stderr" ]
+	make_exr black.exr 4 3 R=0 G=0 B=0
+	run --separate-stderr "$gdmerge" black.exr black.exr a.exr b.exr -o out.exr --stats s.json --spp 2
+	[ "$status" -eq 0 ]
+	[ -z "$stderr" ]
+	grep -q '"twin_inputs": 0' s.json
+}
