@@ -37,11 +37,11 @@ float gd_walk_survival(const struct gd_walk *w, struct gd_v3 t)
 	return gd_at_most(gd_at_least(gd_largest(t), SURVIVAL_LEAST), 1);
 }
 
-struct gd_v3 gd_walk_camera(const struct gd_path_in *in, const struct gd_view *view, float px,
-			    float py, const float lens[2], struct gd_v3 *origin)
+struct gd_v3 gd_walk_camera(const struct gd_view *view, int w, int h, float px, float py,
+			    const float lens[2], struct gd_v3 *origin)
 {
-	const float x = (2 * px / (float)in->w - 1) * view->tan_x;
-	const float y = (1 - 2 * py / (float)in->h) * view->tan_y;
+	const float x = (2 * px / (float)w - 1) * view->tan_x;
+	const float y = (1 - 2 * py / (float)h) * view->tan_y;
 	const struct gd_v3 through = gd_mad(gd_mad(view->forward, x, view->right), y, view->up);
 	struct gd_v3 shift;
 
@@ -105,34 +105,43 @@ static void add_path(const struct gd_walk *w, struct gd_v3 fx, float p)
 		add_halves(w, fx, p);
 }
 
-/* The ray from o along d: where the path may end, or go on. */
-static void look(const struct gd_walk *w, struct gd_v3 o, struct gd_v3 d, struct gd_arrival *a)
+/* The ray from o along d: where a path may end, or go on. */
+static void look(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, struct gd_vertex *to)
 {
-	a->miss = !gd_ray_hit(w->scene, o, d, &a->hit);
-	a->solid = false;
-	a->pdf_light = 0;
-	if (a->miss) {
-		a->radiance = gd_environment_at(w->scene, d);
+	to->miss = !gd_ray_hit(scene, o, d, &to->hit);
+	to->solid = false;
+	if (to->miss) {
+		to->radiance = gd_environment_at(scene, d);
 		return;
 	}
-	a->radiance = gd_light_emitted(w->scene, &a->hit, gd_scale(d, -1));
-	a->solid = gd_bsdf_at(&a->b, w->scene, &a->hit, gd_scale(d, -1));
+	to->radiance = gd_light_emitted(scene, &to->hit, gd_scale(d, -1));
+	to->solid = gd_bsdf_at(&to->b, scene, &to->hit, gd_scale(d, -1));
+}
+
+void gd_path_first(const struct gd_scene *scene, int w, int h, float px, float py,
+		   struct gd_vertex *first)
+{
+	static const float centre[2] = { 0, 0 };
+	struct gd_v3 o;
+	const struct gd_v3 d = gd_walk_camera(&scene->view, w, h, px, py, centre, &o);
+
+	look(scene, o, d, first);
 }
 
 /* G-buffers: of the first surface that is not a mirror or a pane. */
 static void note_surface(const struct gd_walk *w, const struct gd_arrival *a, float z)
 {
 	struct gd_path_out *out = w->out;
-	const bool clear = a->solid && a->b.chance[GD_ROUGH] == 0 && a->b.alpha < GD_SMOOTH;
+	const bool clear = a->to.solid && a->to.b.chance[GD_ROUGH] == 0 && a->to.b.alpha < GD_SMOOTH;
 
-	if (out->hits || a->miss || clear)
+	if (out->hits || a->to.miss || clear)
 		return;
 	out->hits = 1;
 	out->z = z;
-	out->normal = a->hit.ns;
-	out->position = a->hit.p;
-	if (a->solid) {
-		const struct gd_v3 c = gd_mul(a->b.albedo, w->t);
+	out->normal = a->to.hit.ns;
+	out->position = a->to.hit.p;
+	if (a->to.solid) {
+		const struct gd_v3 c = gd_mul(a->to.b.albedo, w->t);
 
 		out->albedo = gd_v3(gd_at_most(c.x, 1), gd_at_most(c.y, 1), gd_at_most(c.z, 1));
 	}
@@ -166,19 +175,19 @@ static void sample_light(struct gd_walk *w)
 static float density_of_light(const struct gd_walk *w, const struct gd_scatter *s,
 			      const struct gd_arrival *a)
 {
-	if (s->event != GD_ROUGH || !w->conf->mis || gd_black(a->radiance))
+	if (s->event != GD_ROUGH || !w->conf->mis || gd_black(a->to.radiance))
 		return 0;
-	return a->miss ? gd_environment_pdf(w->scene, s->wi) :
-			 gd_light_pdf(w->scene, &a->hit, s->wi);
+	return a->to.miss ? gd_environment_pdf(w->scene, s->wi) :
+			 gd_light_pdf(w->scene, &a->to.hit, s->wi);
 }
 
 /* Ambient light, for the gradients alone. */
 static void add_ambient(struct gd_walk *w, const struct gd_arrival *a)
 {
-	if (!w->n || !a->solid || w->conf->ambient <= 0)
+	if (!w->n || !a->to.solid || w->conf->ambient <= 0)
 		return;
 	gd_shift_ambient(w, a);
-	add_halves(w, gd_scale(gd_mul(w->t, a->b.albedo), w->conf->ambient), 1);
+	add_halves(w, gd_scale(gd_mul(w->t, a->to.b.albedo), w->conf->ambient), 1);
 }
 
 /* From x_k to the next vertex. Returns false if the path ends at x_k. */
@@ -196,14 +205,14 @@ static bool scatter(struct gd_walk *w, struct gd_arrival *a)
 	w->t = gd_scale(w->t, 1 / w->survive);
 	if (w->n)
 		gd_shift_resolve(w, &s);
-	look(w, w->hit.p, s.wi, a);
+	look(w->scene, w->hit.p, s.wi, &a->to);
 	a->last = w->segments + 1 >= w->conf->depth;
 	a->pdf_light = density_of_light(w, &s, a);
 	if (w->n)
 		gd_shift_follow(w, &s, a);
 	w->t = gd_mul(w->t, gd_scale(s.f, 1 / s.pdf));
 	w->last = s;
-	add_path(w, gd_mul(w->t, a->radiance), 1 + a->pdf_light / (w->survive * s.pdf));
+	add_path(w, gd_mul(w->t, a->to.radiance), 1 + a->pdf_light / (w->survive * s.pdf));
 	add_ambient(w, a);
 	return true;
 }
@@ -230,21 +239,30 @@ static void to_disc(float u, float v, float lens[2])
 
 static void start(struct gd_walk *w, struct gd_arrival *a)
 {
-	const float u = gd_draw(w->draw), v = gd_draw(w->draw);
-	float lens[2] = { 0, 0 };
-	struct gd_v3 o, d;
+	const struct gd_path_in *in = w->in;
+	const struct gd_view *view = &w->scene->view;
+	float at[2], lens[2] = { 0, 0 };
 
-	if (w->scene->view.lens > 0) {
-		const float x = gd_draw(w->draw), y = gd_draw(w->draw);
+	for (int i = 0; i < 2; i++)
+		at[i] = in->at ? in->at[i] : gd_draw(w->draw);
+	if (view->lens > 0) {
+		const float u = gd_draw(w->draw), v = gd_draw(w->draw);
 
-		to_disc(x, y, lens);
+		to_disc(u, v, lens);
 	}
-	d = gd_walk_camera(w->in, &w->scene->view, (float)w->in->x + u, (float)w->in->y + v, lens,
-			   &o);
-	look(w, o, d, a);
+	if (in->first) {
+		a->to = *in->first;
+	} else {
+		struct gd_v3 o;
+		const struct gd_v3 d = gd_walk_camera(view, in->w, in->h, (float)in->x + at[0],
+						      (float)in->y + at[1], lens, &o);
+
+		look(w->scene, o, d, &a->to);
+	}
+	a->pdf_light = 0;
 	if (w->n)
-		gd_shift_start(w, u, v, lens);
-	add_path(w, a->radiance, 1);
+		gd_shift_start(w, at, lens);
+	add_path(w, a->to.radiance, 1);
 	add_ambient(w, a);
 }
 
@@ -264,17 +282,17 @@ void gd_path_trace(const struct gd_scene *scene, const struct gd_path_conf *conf
 	w.n = in->n;
 	w.t = gd_v3(1, 1, 1);
 	start(&w, &a);
-	z = a.miss ? 0 : a.hit.t;
+	z = a.to.miss ? 0 : a.to.hit.t;
 	note_surface(&w, &a, z);
-	for (w.segments = 1; a.solid && w.segments < conf->depth; w.segments++) {
-		w.hit = a.hit;
-		w.b = a.b;
+	for (w.segments = 1; a.to.solid && w.segments < conf->depth; w.segments++) {
+		w.hit = a.to.hit;
+		w.b = a.to.b;
 		w.survive = gd_walk_survival(&w, w.t);
 		if (scene->nlight)
 			sample_light(&w);
 		if (!scatter(&w, &a))
 			break;
-		z += a.miss ? 0 : a.hit.t;
+		z += a.to.miss ? 0 : a.to.hit.t;
 		if (w.last.smooth)
 			note_surface(&w, &a, z);
 		else

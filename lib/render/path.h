@@ -26,6 +26,7 @@
 #ifndef GD_RENDER_PATH_H
 #define GD_RENDER_PATH_H
 
+#include "render/bsdf.h"
 #include "render/scene.h"
 
 struct gd_path_conf {
@@ -42,12 +43,29 @@ struct gd_draw {
 struct gd_draw gd_draw_start(uint64_t seed, uint32_t x, uint32_t y, uint32_t sample);
 float gd_draw(struct gd_draw *d);	/* uniform in [0, 1), 24 bits */
 
+/* Where a ray has led: what a path that ends or goes on there needs. */
+struct gd_vertex {
+	bool miss;		/* nothing was hit: hit and b are not filled */
+	bool solid;		/* something scatters there: b is filled */
+	struct gd_hit hit;
+	struct gd_bsdf b;
+	struct gd_v3 radiance;	/* what comes from there */
+};
+
+/*
+ * With a pinhole all paths through one point of the image have their first vertex in common, be
+ * they base paths of one pixel or offset paths of another: who renders many pixels at one position
+ * within them, (at[0], at[1]), finds each first vertex once (gd_path_first()) and hands it over.
+ */
 struct gd_path_in {
 	int w, h;		/* of the whole image */
 	int x, y;		/* base pixel */
 	int n;			/* offset pixels, 0 .. 4 */
 	int dx[4], dy[4];	/* where they are, relative to the base; also outside the image */
 	float r[4];		/* samples of the offset pixel over those of the base pixel, > 0 */
+	const float *at;	/* position within the pixel, [0, 1) x [0, 1), y down; NULL: drawn */
+	const struct gd_vertex *first;		/* of the base path, for at; NULL: looked for */
+	const struct gd_vertex *others[4];	/* of the offset paths, likewise; not with a lens */
 };
 
 struct gd_path_out {
@@ -63,6 +81,10 @@ struct gd_path_out {
 	float z;			/* length of the path up to there, metres */
 	int hits;			/* 1 if there was such a surface, else 0 */
 };
+
+/* What the ray from a pinhole through (px, py) of an image of w x h finds. */
+void gd_path_first(const struct gd_scene *scene, int w, int h, float px, float py,
+		   struct gd_vertex *first);
 
 /* All of out is finite. Arrays hold in->n values, the rest is 0. */
 void gd_path_trace(const struct gd_scene *scene, const struct gd_path_conf *conf,

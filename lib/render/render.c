@@ -4,22 +4,29 @@
 #include <omp.h>
 #include <stdatomic.h>
 #include <stdlib.h>
+#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "render/film.h"
+#include "rng.h"
 
 #define TILE 8			/* side of a tile in pixels */
+#define REACH GD_PAIR_REACH	/* of edges, in pixels: what a tile sees beyond its side */
+#define SEEN (TILE + 2 * REACH)
+#define PLACES UINT64_MAX	/* stream of random numbers; those of pixels are y << 32 | x */
 #define TILES_A_THREAD 128	/* so that waiting for the last tile costs less than 1 % */
 
 struct job {
 	gd_render_sample *sample;
 	const void *user;
+	const struct gd_scene *pinhole;	/* whose paths have their first vertices in common; or NULL */
 	const struct gd_render_conf *conf;
 	struct gd_plan plan;
 	struct gd_film film;
 	double round;			/* samples of one round */
 	double start;
+	uint32_t most;			/* samples that any pixel has in a round */
 	uint32_t rounds;		/* done so far */
 	double done;			/* samples in them */
 	const struct gd_report *report;
@@ -136,34 +143,127 @@ static struct gd_path_in aim(const struct job *j, int x, int y, int slot[GD_PAIR
 	return in;
 }
 
-/* Samples of so many rounds at one pixel; their number. */
-static uint32_t render_pixel(struct job *j, struct gd_visit *v, int x, int y, uint32_t rounds)
-{
-	const struct gd_render_conf *conf = j->conf;
-	const uint32_t each = gd_plan_samples(&j->plan, x, y), n = each * rounds;
-	const uint32_t first = each * j->rounds;
-	const uint32_t bins = conf->bins > 1 ? (uint32_t)conf->bins : 1;
-	const double share = gd_plan_share(&j->plan, x, y);
-	int slot[GD_PAIRS];
+/* A pixel of a tile, and what its samples in these rounds bring. */
+struct seat {
 	struct gd_path_in in;
+	int slot[GD_PAIRS], edges;
+	uint32_t first, n;		/* its samples: first .. first + n - 1 */
+	double share;
+	struct gd_visit visit;
+};
+
+/* What a thread has for the tile under way. */
+struct tile {
+	int x0, y0, side;
+	struct seat seat[TILE * TILE];
+	/* First vertices, of pixels from (x0 - REACH, y0 - REACH) on, for the position whose number
+	 * stands beside. */
+	struct gd_vertex vertex[SEEN * SEEN];
+	uint64_t known[SEEN * SEEN];
+};
+
+/*
+ * Where in its pixel the sample of number i lies: at the same place in all pixels. In each bin they
+ * are points of a lattice that fills the square evenly (multiples of 1/g and 1/g^2, g^3 = g + 1;
+ * Roberts 2018). The seed shifts it at random, the bin by multiples of sqrt(2) and sqrt(3), so that
+ * a half and all bins together fill it more evenly still.
+ */
+static void place(const struct gd_render_conf *conf, uint32_t i, float at[2])
+{
+	const struct gd_rng_key key = gd_rng_key(conf->seed, PLACES);
+	const uint32_t bins = conf->bins > 1 ? (uint32_t)conf->bins : 1, b = i % bins, t = i / bins;
+	/* multiples of 2^-32, modulo 1 */
+	const uint32_t u = gd_rng_u32(key, 0, 0) + t * 3242174889u + b * 1779033704u;
+	const uint32_t v = gd_rng_u32(key, 0, 1) + t * 2447445414u + b * 3144134277u;
+
+	at[0] = (float)(u >> 8) * 0x1p-24f;
+	at[1] = (float)(v >> 8) * 0x1p-24f;
+}
+
+/* The first vertex of a pixel for position number i. */
+static const struct gd_vertex *first_vertex(const struct job *j, struct tile *t, int x, int y,
+					    const float at[2], uint64_t i)
+{
+	const int k = (y - t->y0 + REACH) * SEEN + x - t->x0 + REACH;
+	const struct gd_render_conf *c = j->conf;
+
+	if (t->known[k] != i + 1) {
+		gd_path_first(j->pinhole, c->w, c->h, (float)(x + c->crop.x0) + at[0],
+			      (float)(y + c->crop.y0) + at[1], &t->vertex[k]);
+		t->known[k] = i + 1;
+	}
+	return &t->vertex[k];
+}
+
+/* Takes place at a pixel; the number of its samples in these rounds. */
+static uint32_t sit(struct job *j, struct seat *seat, int x, int y, uint32_t rounds)
+{
+	const uint32_t each = gd_plan_samples(&j->plan, x, y);
+
+	seat->first = each * j->rounds;
+	seat->n = each * rounds;
+	if (!seat->n)
+		return 0;
+	seat->in = aim(j, x, y, seat->slot);
+	seat->edges = seat->in.n;
+	seat->share = gd_plan_share(&j->plan, x, y);
+	gd_visit_begin(&seat->visit, &j->film);
+	return seat->n;
+}
+
+/* Sample s of a pixel, at position number i. */
+static void render_sample(struct job *j, struct tile *t, struct seat *seat, int x, int y,
+			  uint32_t s, const float at[2], uint64_t i)
+{
+	const uint32_t bins = j->conf->bins > 1 ? (uint32_t)j->conf->bins : 1, n = s / bins;
+	struct gd_path_in *in = &seat->in;
+	struct gd_draw draw = gd_draw_start(j->conf->seed, (uint32_t)in->x, (uint32_t)in->y, s);
 	struct gd_path_out out;
 
-	if (!n)
-		return 0;
-	in = aim(j, x, y, slot);
-	const int edges = in.n;
-
-	gd_visit_begin(v, &j->film);
-	for (uint32_t s = first; s < first + n; s++) {
-		struct gd_draw draw = gd_draw_start(conf->seed, (uint32_t)in.x, (uint32_t)in.y, s);
-		const uint32_t t = s / bins;
-
-		in.n = gd_plan_traced(share, t + 1) > gd_plan_traced(share, t) ? edges : 0;
-		j->sample(j->user, &conf->path, &in, &draw, &out);
-		gd_visit_add(v, &j->film, &out, in.n, slot, (int)(s % bins));
+	in->n = gd_plan_traced(seat->share, n + 1) > gd_plan_traced(seat->share, n) ?
+		seat->edges : 0;
+	in->at = at;
+	if (j->pinhole) {
+		in->first = first_vertex(j, t, x, y, at, i);
+		for (int k = 0; k < in->n; k++)
+			in->others[k] = first_vertex(j, t, x + in->dx[k], y + in->dy[k], at, i);
 	}
-	gd_film_store(&j->film, x, y, v);
-	return n;
+	j->sample(j->user, &j->conf->path, in, &draw, &out);
+	gd_visit_add(&seat->visit, &j->film, &out, in->n, seat->slot, (int)(s % bins));
+}
+
+/*
+ * Samples of so many rounds at the pixels of a tile; their number. Position after position, at all
+ * pixels that have it: offset paths then start where base paths of their pixels do.
+ */
+static unsigned long long render_tile(struct job *j, struct tile *t, uint32_t rounds)
+{
+	const int w = t->x0 + t->side > j->plan.w ? j->plan.w - t->x0 : t->side;
+	const int h = t->y0 + t->side > j->plan.h ? j->plan.h - t->y0 : t->side;
+	const uint64_t begin = (uint64_t)j->most * j->rounds;
+	unsigned long long sum = 0;
+	uint32_t most = 0;
+
+	memset(t->known, 0, sizeof t->known);
+	for (int k = 0; k < w * h; k++) {
+		const uint32_t n = sit(j, &t->seat[k], t->x0 + k % w, t->y0 + k / w, rounds);
+
+		most = n > most ? n : most;
+		sum += n;
+	}
+	for (uint32_t i = 0; i < most; i++) {
+		float at[2];
+
+		place(j->conf, (uint32_t)(begin + i), at);
+		for (int k = 0; k < w * h; k++)
+			if (i < t->seat[k].n)
+				render_sample(j, t, &t->seat[k], t->x0 + k % w, t->y0 + k / w,
+					      t->seat[k].first + i, at, i);
+	}
+	for (int k = 0; k < w * h; k++)
+		if (t->seat[k].n)
+			gd_film_store(&j->film, t->x0 + k % w, t->y0 + k / w, &t->seat[k].visit);
+	return sum;
 }
 
 static void tell(const struct job *j, double samples, double all)
@@ -186,7 +286,7 @@ static int tile_side(const struct job *j)
 }
 
 /* Tiles go to whoever is free. Each pixel is a computation of its own, in one thread. */
-static void render_rounds(struct job *j, uint32_t rounds, double all)
+static void render_rounds(struct job *j, struct tile *tiles, uint32_t rounds, double all)
 {
 	const int side = tile_side(j);
 	const int across = (j->plan.w + side - 1) / side, down = (j->plan.h + side - 1) / side;
@@ -195,17 +295,16 @@ static void render_rounds(struct job *j, uint32_t rounds, double all)
 
 #pragma omp parallel
 	{
-		struct gd_visit v;
+		struct tile *t = &tiles[omp_get_thread_num()];
 		long tile;
 
 		while ((tile = atomic_fetch_add(&next, 1)) < (long)across * down) {
-			const int x0 = (int)(tile % across) * side;
-			const int y0 = (int)(tile / across) * side;
-			unsigned long long n = 0;
+			unsigned long long n;
 
-			for (int y = y0; y < y0 + side && y < j->plan.h; y++)
-				for (int x = x0; x < x0 + side && x < j->plan.w; x++)
-					n += render_pixel(j, &v, x, y, rounds);
+			t->x0 = (int)(tile % across) * side;
+			t->y0 = (int)(tile / across) * side;
+			t->side = side;
+			n = render_tile(j, t, rounds);
 			n += atomic_fetch_add(&samples, n);
 			if (omp_get_thread_num() == 0)
 				tell(j, j->done + (double)n, all);
@@ -218,18 +317,13 @@ static void render_rounds(struct job *j, uint32_t rounds, double all)
 /* Most rounds that counts can count. */
 static uint32_t most_rounds(const struct job *j)
 {
-	float most = 1;
-
-	for (int y = 0; y < j->plan.h && j->conf->counts.v; y++)
-		for (int x = 0; x < j->plan.w; x++)
-			most = fmaxf(most, gd_row(j->conf->counts, y)[x]);
 	if (!j->conf->counts.v && j->conf->spp > 0)
 		return (uint32_t)j->conf->spp;
-	return (uint32_t)(GD_RENDER_SAMPLES / most);
+	return GD_RENDER_SAMPLES / (j->most ? j->most : 1);
 }
 
 /* Rounds while there is time; half of what the rest would take, so that the last is one of few. */
-static void render_for_seconds(struct job *j)
+static void render_for_seconds(struct job *j, struct tile *tiles)
 {
 	const uint32_t most = most_rounds(j);
 	uint32_t rounds = 1;
@@ -237,7 +331,7 @@ static void render_for_seconds(struct job *j)
 	while (rounds) {
 		double spent, fit;
 
-		render_rounds(j, rounds, most * j->round);
+		render_rounds(j, tiles, rounds, most * j->round);
 		spent = gd_seconds() - j->start;
 		fit = (j->conf->seconds - spent) / spent * j->rounds;
 		rounds = fit >= 2 ? (uint32_t)fmin(fit / 2, most) : fit >= 1;
@@ -246,14 +340,53 @@ static void render_for_seconds(struct job *j)
 	}
 }
 
-static double count_samples(const struct gd_plan *plan)
+static void count_samples(struct job *j)
 {
-	double n = 0;
+	for (int y = 0; y < j->plan.h; y++)
+		for (int x = 0; x < j->plan.w; x++) {
+			const uint32_t n = gd_plan_samples(&j->plan, x, y);
 
-	for (int y = 0; y < plan->h; y++)
-		for (int x = 0; x < plan->w; x++)
-			n += gd_plan_samples(plan, x, y);
-	return n;
+			j->round += n;
+			j->most = n > j->most ? n : j->most;
+		}
+}
+
+static int render(struct gd_image *im, struct job *j, struct gd_err *err)
+{
+	const struct gd_render_conf *conf = j->conf;
+	const double cpu = cpu_seconds();
+	struct tile *tiles = NULL;
+	int rc = check(&j->plan, err);
+
+	if (rc == GD_OK)
+		rc = check_memory(conf, err);
+	if (rc != GD_OK)
+		return rc;
+	rc = gd_film_begin(&j->film, j->plan.w, j->plan.h, conf->bins, conf->reuse, err);
+	if (rc == GD_OK)
+		rc = gd_film_channels(im, &j->plan, err);
+	if (rc == GD_OK) {
+		tiles = gd_alloc((size_t)omp_get_max_threads(), sizeof *tiles);
+		if (!tiles)
+			rc = gd_fail(err, GD_ENOMEM, "out of memory for tiles");
+	}
+	if (rc == GD_OK) {
+		count_samples(j);
+		if (conf->seconds > 0)
+			render_for_seconds(j, tiles);
+		else
+			render_rounds(j, tiles, 1, j->round);
+		gd_note(j->report, "%.6g samples, %.4g a second", j->done,
+			j->done / fmax(gd_seconds() - j->start, 1e-9));
+		rc = gd_film_develop(im, &j->film, &j->plan, err);
+	}
+	if (rc == GD_OK)
+		rc = gd_attr_set_number(im, "gd:renderSeconds", cpu_seconds() - cpu, err);
+	free(tiles);
+	gd_film_free(&j->film);
+	if (rc != GD_OK)
+		gd_image_free(im);
+	return rc;
 }
 
 int gd_render_samples(struct gd_image *im, gd_render_sample *sample, const void *user,
@@ -262,32 +395,8 @@ int gd_render_samples(struct gd_image *im, gd_render_sample *sample, const void 
 {
 	struct job j = { .sample = sample, .user = user, .conf = conf, .plan = gd_plan(conf),
 			 .start = gd_seconds(), .report = report };
-	const double cpu = cpu_seconds();
-	int rc = check(&j.plan, err);
 
-	if (rc == GD_OK)
-		rc = check_memory(conf, err);
-	if (rc != GD_OK)
-		return rc;
-	rc = gd_film_begin(&j.film, j.plan.w, j.plan.h, conf->bins, conf->reuse, err);
-	if (rc == GD_OK)
-		rc = gd_film_channels(im, &j.plan, err);
-	if (rc == GD_OK) {
-		j.round = count_samples(&j.plan);
-		if (conf->seconds > 0)
-			render_for_seconds(&j);
-		else
-			render_rounds(&j, 1, j.round);
-		gd_note(report, "%.6g samples, %.4g a second", j.done,
-			j.done / fmax(gd_seconds() - j.start, 1e-9));
-		rc = gd_film_develop(im, &j.film, &j.plan, err);
-	}
-	if (rc == GD_OK)
-		rc = gd_attr_set_number(im, "gd:renderSeconds", cpu_seconds() - cpu, err);
-	gd_film_free(&j.film);
-	if (rc != GD_OK)
-		gd_image_free(im);
-	return rc;
+	return render(im, &j, err);
 }
 
 static void trace(const void *user, const struct gd_path_conf *conf, const struct gd_path_in *in,
@@ -299,5 +408,9 @@ static void trace(const void *user, const struct gd_path_conf *conf, const struc
 int gd_render(struct gd_image *im, const struct gd_scene *scene, const struct gd_render_conf *conf,
 	      const struct gd_report *report, struct gd_err *err)
 {
-	return gd_render_samples(im, trace, scene, conf, report, err);
+	struct job j = { .sample = trace, .user = scene, .conf = conf, .plan = gd_plan(conf),
+			 .pinhole = scene->view.lens > 0 ? NULL : scene, .start = gd_seconds(),
+			 .report = report };
+
+	return render(im, &j, err);
 }

@@ -21,7 +21,11 @@
  * gets the mean variance of one sample over the image, and so does one without, by as many samples
  * as it has. If no pixel has two samples there are no variances.
  *
- * Pixels are computed one by one from random numbers of their own: the same seed gives the same
+ * Sample i lies at the same position in every pixel, one of a sequence that fills the pixel evenly
+ * in each bin and half. With a pinhole, offset paths then begin at the first vertices that the base
+ * paths of their pixels have found, for no ray of their own.
+ *
+ * Beyond that pixels are computed one by one from random numbers of their own: the same seed gives the same
  * bits with any number of threads, and a crop the same pixels as the whole (but for the gradients
  * at its edge, and with reuse the colours there). A limit of time leaves the number of samples to
  * the clock.

@@ -60,8 +60,22 @@ static void arrive(const struct gd_walk *w, struct gd_offset *o, bool hit, struc
 		o->stand = GD_OWN;
 }
 
-void gd_shift_start(struct gd_walk *w, float u, float v, const float lens[2])
+/* Its first vertex is known. */
+static void start_at(struct gd_offset *o, const struct gd_vertex *first)
 {
+	o->fy = first->radiance;
+	o->qy = 1;
+	o->stand = GD_DEAD;
+	if (!first->solid)
+		return;
+	o->stand = GD_OWN;
+	o->hit = first->hit;
+	o->b = first->b;
+}
+
+void gd_shift_start(struct gd_walk *w, const float at[2], const float lens[2])
+{
+	const struct gd_path_in *in = w->in;
 	struct rays r = { .active = 0 };
 	struct gd_hit hit[4];
 	unsigned met;
@@ -69,16 +83,23 @@ void gd_shift_start(struct gd_walk *w, float u, float v, const float lens[2])
 	for (int k = 0; k < w->n; k++) {
 		struct gd_v3 o, d;
 
-		d = gd_walk_camera(w->in, &w->scene->view, (float)(w->in->x + w->in->dx[k]) + u,
-				   (float)(w->in->y + w->in->dy[k]) + v, lens, &o);
-		ray(&r, k, o, d, INFINITY);
-	}
-	met = gd_ray_hit4(w->scene, r.o, r.d, r.active, hit);
-	for (int k = 0; k < w->n; k++) {
 		w->o[k].t = gd_v3(1, 1, 1);
 		w->o[k].q = 1;
-		arrive(w, &w->o[k], met >> k & 1, r.d[k], &hit[k]);
+		if (in->others[k]) {
+			start_at(&w->o[k], in->others[k]);
+			continue;
+		}
+		d = gd_walk_camera(&w->scene->view, in->w, in->h,
+				   (float)(in->x + in->dx[k]) + at[0],
+				   (float)(in->y + in->dy[k]) + at[1], lens, &o);
+		ray(&r, k, o, d, INFINITY);
 	}
+	if (!r.active)
+		return;
+	met = gd_ray_hit4(w->scene, r.o, r.d, r.active, hit);
+	for (int k = 0; k < w->n; k++)
+		if (r.active >> k & 1)
+			arrive(w, &w->o[k], met >> k & 1, r.d[k], &hit[k]);
 }
 
 /* --- light sampling --- */
@@ -232,7 +253,7 @@ static void follow_shared(struct gd_offset *o, const struct gd_scatter *s,
 			  const struct gd_arrival *a)
 {
 	o->t = gd_mul(o->t, gd_scale(s->f, 1 / s->pdf));
-	o->fy = gd_mul(o->t, a->radiance);
+	o->fy = gd_mul(o->t, a->to.radiance);
 	o->qy = o->q * (1 + a->pdf_light / (o->survive * s->pdf));
 }
 
@@ -247,7 +268,7 @@ static void follow_fresh(struct gd_offset *o, const struct gd_scatter *s,
 		return;
 	}
 	o->t = gd_mul(o->t, gd_scale(f, 1 / s->pdf));
-	o->fy = gd_mul(o->t, a->radiance);
+	o->fy = gd_mul(o->t, a->to.radiance);
 	o->qy = o->q * (pdf + a->pdf_light / o->survive) / s->pdf;
 	o->q *= pdf / s->pdf;
 	o->stand = GD_SHARED;
@@ -267,15 +288,15 @@ static void reach(struct gd_walk *w, int k, const struct gd_scatter *s,
 	o->stand = GD_PENDING;
 	o->join = false;
 	nothing(o);
-	if (!a->miss) {
-		const struct gd_v3 way = gd_sub(a->hit.p, o->hit.p);
-		const float cosine = fabsf(gd_dot(a->hit.ng, s->wi));
+	if (!a->to.miss) {
+		const struct gd_v3 way = gd_sub(a->to.hit.p, o->hit.p);
+		const float cosine = fabsf(gd_dot(a->to.hit.ng, s->wi));
 
 		t = gd_length(way);
 		if (!(t > 0))
 			return;
 		d = gd_scale(way, 1 / t);
-		jacobian = fabsf(gd_dot(a->hit.ng, d)) * a->hit.t * a->hit.t / (cosine * t * t);
+		jacobian = fabsf(gd_dot(a->to.hit.ng, d)) * a->to.hit.t * a->to.hit.t / (cosine * t * t);
 	}
 	if (!(jacobian > 0) || !isfinite(jacobian))
 		return;
@@ -290,7 +311,7 @@ static void reach(struct gd_walk *w, int k, const struct gd_scatter *s,
 /* Offset paths that reach for x_{k+1} (event GD_ROUGH); they are PENDING from then on. */
 static void follow_rough(struct gd_walk *w, const struct gd_scatter *s, const struct gd_arrival *a)
 {
-	const bool goes_on = a->solid && !a->last;
+	const bool goes_on = a->to.solid && !a->last;
 	struct rays r = { .active = 0 };
 	unsigned open;
 
@@ -299,7 +320,7 @@ static void follow_rough(struct gd_walk *w, const struct gd_scatter *s, const st
 
 		if (o->stand != GD_OWN)
 			continue;
-		if (goes_on || !gd_black(a->radiance))
+		if (goes_on || !gd_black(a->to.radiance))
 			reach(w, k, s, a, &r);
 		else
 			die(o);
@@ -317,9 +338,9 @@ static void follow_rough(struct gd_walk *w, const struct gd_scatter *s, const st
 		if (!(open >> k & 1))
 			continue;
 		o->qy += o->join_q;
-		o->fy = gd_mul(o->join_t, a->radiance);
+		o->fy = gd_mul(o->join_t, a->to.radiance);
 		o->join = goes_on && o->join_q > 0 &&
-			  gd_bsdf_turn(&o->turned, &a->b,
+			  gd_bsdf_turn(&o->turned, &a->to.b,
 				       gd_scale(r.d[k], -1));
 	}
 }
@@ -343,7 +364,7 @@ static void follow_sharp(struct gd_walk *w, const struct gd_scatter *s, const st
 		if (!(r.active >> k & 1))
 			continue;
 		arrive(w, o, met >> k & 1, r.d[k], &hit[k]);
-		if (!a->solid || a->last)
+		if (!a->to.solid || a->last)
 			o->stand = GD_DEAD;
 	}
 }
@@ -375,7 +396,7 @@ void gd_shift_ambient(struct gd_walk *w, const struct gd_arrival *a)
 
 		nothing(o);
 		if (o->stand == GD_OWN || o->stand == GD_SHARED) {
-			const struct gd_v3 c = o->stand == GD_OWN ? o->b.albedo : a->b.albedo;
+			const struct gd_v3 c = o->stand == GD_OWN ? o->b.albedo : a->to.b.albedo;
 
 			o->fy = gd_scale(gd_mul(o->t, c), radiance);
 			o->qy = o->q;

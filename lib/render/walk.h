@@ -3,7 +3,6 @@
 #ifndef GD_RENDER_WALK_H
 #define GD_RENDER_WALK_H
 
-#include "render/bsdf.h"
 #include "render/path.h"
 
 #define GD_ROULETTE_FROM 3	/* segments; shorter paths carry most of the light */
@@ -55,10 +54,7 @@ struct gd_walk {
 /* The event s at x_k has led to the next vertex, of which the base path knows: what a path that
  * ends there in light would be. */
 struct gd_arrival {
-	bool miss, solid;
-	struct gd_hit hit;
-	struct gd_bsdf b;
-	struct gd_v3 radiance;		/* what comes from there */
+	struct gd_vertex to;
 	float pdf_light;		/* density of light sampling for it; 0 if it cannot */
 	bool last;			/* no light is sampled there and nothing scatters */
 };
@@ -67,10 +63,10 @@ struct gd_arrival {
  * BSDF sampling there, not of that of light sampling. */
 float gd_walk_survival(const struct gd_walk *w, struct gd_v3 t);
 
-/* Direction and origin of the camera ray through (px, py) of the image, lens_x and lens_y on the
- * unit disc. */
-struct gd_v3 gd_walk_camera(const struct gd_path_in *in, const struct gd_view *view, float px,
-			    float py, const float lens[2], struct gd_v3 *origin);
+/* Direction and origin of the camera ray through (px, py) of an image of w x h, lens on the unit
+ * disc. */
+struct gd_v3 gd_walk_camera(const struct gd_view *view, int w, int h, float px, float py,
+			    const float lens[2], struct gd_v3 *origin);
 
 /* Value times cosine of b for light from s, and the density with which b would have sampled it. */
 struct gd_v3 gd_walk_reflect(const struct gd_bsdf *b, const struct gd_light_sample *s, float *pdf);
@@ -78,14 +74,14 @@ struct gd_v3 gd_walk_reflect(const struct gd_bsdf *b, const struct gd_light_samp
 /*
  * What the offset paths do at each stage. Each leaves in fy, qy of every offset path what it
  * contributes to the path that ends there.
- * start: their camera rays, through the same point (u, v) of their pixel and of the lens.
+ * start: their camera rays, through the same point at of their pixel and of the lens.
  * light: the light sample s of x_k, which the base path sees or does not see; f, pdf_bsdf: what
  *	gd_walk_reflect() says of it there.
  * resolve: the base path goes on, to scatter event s. After its t was divided by survive.
  * follow: event s has led the base path to a. Before the walk's t and last become those of s.
  * ambient: an ambient light at the vertex reached.
  */
-void gd_shift_start(struct gd_walk *w, float u, float v, const float lens[2]);
+void gd_shift_start(struct gd_walk *w, const float at[2], const float lens[2]);
 void gd_shift_light(struct gd_walk *w, const struct gd_light_sample *s, struct gd_v3 f,
 		    float pdf_bsdf, bool seen);
 void gd_shift_resolve(struct gd_walk *w, const struct gd_scatter *s);

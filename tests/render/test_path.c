@@ -558,6 +558,48 @@ static void test_ambient_light_stays_in_the_halves(void **state)
 	gd_scene_free(s);
 }
 
+/* First vertices that are handed over are those that a path finds by itself. */
+static void test_first_vertices_are_shared(void **state)
+{
+	const struct room room = { plastic(0.5f, 0.4f), glass(0.2f), LAMP | MAP, 0 };
+	const struct gd_path_conf conf = { .depth = 6, .shift_ratio = 20, .mis = true };
+	struct gd_scene *s = room_new(&room);
+	struct gd_vertex vertex[5];
+	double all = 0, gap = 0;
+	int misses = 0;
+
+	(void)state;
+	for (uint32_t i = 0; i < 16 * 12 * 20; i++) {
+		const float at[2] = { 0.37f * (float)(i % 3), 0.04f * (float)(i % 25) };
+		struct gd_path_in in = { .w = 16, .h = 12, .x = (int)i % 16, .y = (int)i / 16 % 12,
+					 .n = 4, .dx = { 1, 0, -1, 0 }, .dy = { 0, 1, 0, -1 },
+					 .r = { 1, 1, 1, 1 }, .at = at };
+		struct gd_draw draw = gd_draw_start(7, 0, 0, i), again = draw;
+		struct gd_path_out own, shared;
+
+		gd_path_trace(s, &conf, &in, &draw, &own);
+		for (int k = 0; k < 5; k++)
+			gd_path_first(s, 16, 12, (float)(in.x + (k ? in.dx[k - 1] : 0)) + at[0],
+				      (float)(in.y + (k ? in.dy[k - 1] : 0)) + at[1], &vertex[k]);
+		in.first = &vertex[0];
+		for (int k = 0; k < 4; k++)
+			in.others[k] = &vertex[k + 1];
+		misses += vertex[0].miss;
+		gd_path_trace(s, &conf, &in, &again, &shared);
+		assert_memory_equal(&own.colour, &shared.colour, sizeof own.colour);
+		assert_memory_equal(&own.normal, &shared.normal, sizeof own.normal);
+		assert_true(own.z == shared.z);
+		/* rays one by one and rays in fours may round differently */
+		for (int k = 0; k < 4; k++) {
+			gap += (double)gd_length(gd_sub(own.half[k], shared.half[k]));
+			all += (double)gd_length(own.half[k]);
+		}
+	}
+	assert_true(misses > 100);
+	assert_true(gap < 1e-3 * all);
+	gd_scene_free(s);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -575,6 +617,7 @@ int main(void)
 		cmocka_unit_test(test_lens_blurs_as_its_disc_says),
 		cmocka_unit_test(test_light_sampling_changes_nothing),
 		cmocka_unit_test(test_ambient_light_stays_in_the_halves),
+		cmocka_unit_test(test_first_vertices_are_shared),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
