@@ -161,8 +161,8 @@ static void tell_result(struct gd_cli *cli, const struct gd_merge_result *r)
 			    "render every pass in two parts (gdsample --multiple 2)",
 			    r->one_sided);
 	if (r->twins)
-		gd_cli_warn(cli, "inputs whose colours are those of an earlier one, bit by bit: %d; "
-			    "the same seed twice? (-v tells which)", r->twins);
+		gd_cli_warn(cli, "inputs whose colours are those of an earlier one, bit by bit: "
+			    "%d; the same seed twice? (-v tells which)", r->twins);
 	if (r->bins && r->bin_ratio > 1.5)
 		gd_cli_warn(cli, "the fullest bin has %.2g times the samples of the emptiest",
 			    r->bin_ratio);

@@ -21,7 +21,8 @@ size_t gd_blur_work(int w);
 /* to = in blurred downwards, then row by row: call gd_blur_row(). to must not overlap in. */
 void gd_blur_down(struct gd_plane to, struct gd_plane in, const struct gd_blur *blur);
 
-/* Row y of the blurred plane, from what gd_blur_down() left; valid until the next call with this work. */
+/* Row y of the blurred plane, from what gd_blur_down()
+ * left; valid until the next call with this work. */
 const float *gd_blur_row(struct gd_plane down, int y, const struct gd_blur *blur, float *work);
 
 /* p = p blurred, by way of spare (of the same size). */

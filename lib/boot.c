@@ -88,8 +88,9 @@ static void resample_row(const struct boot *b, const struct gd_plane (*from)[3],
 }
 
 /*
- * A sample of the gradients (all bins once if key is NULL) into planes that the solver has not begun to use: dx
- * into spare, dy into z; its variances into e and s. Beyond the border: no variance, which counts nowhere.
+ * A sample of the gradients (all bins once if key is NULL) into planes that the solver has not
+ * begun to use: dx into spare, dy into z; its variances into e and s. Beyond the border: no
+ * variance, which counts nowhere.
  */
 static void resample(const struct boot *b, const struct gd_rng_key *key)
 {
@@ -105,7 +106,8 @@ static void resample(const struct boot *b, const struct gd_rng_key *key)
 	}
 }
 
-/* Variances to weights; phi comes from the gradients without resampling, and serves all replicates. */
+/* Variances to weights; phi comes from the gradients
+ * without resampling, and serves all replicates. */
 static int weights(struct boot *b, bool first, size_t *dropped, struct gd_err *err)
 {
 	int rc;
@@ -142,8 +144,9 @@ static void residual(const struct boot *b)
 }
 
 /*
- * One solution: x = what is to be added to start. A replicate differs from the solution of all bins by noise
- * only, so its system starts there and needs a relative residual no better than the spread deserves.
+ * One solution: x = what is to be added to start. A replicate differs from the solution of
+ * all bins by noise only, so its system starts there and needs a relative residual no
+ * better than the spread deserves.
  */
 static int solve(struct boot *b, const struct gd_rng_key *key, struct gd_err *err)
 {
@@ -208,7 +211,8 @@ static struct gd_plane grid_plane(const struct boot *b, void *planes, int c)
 				 b->grid->stride};
 }
 
-/* Adds the replicate in x, its square, and the square of what is left of it after blurring, to the outputs. */
+/* Adds the replicate in x, its square, and the square of
+ * what is left of it after blurring, to the outputs. */
 static void accumulate(const struct boot *b, const struct gd_boot_out *out,
 		       const struct gd_blur *blur)
 {
@@ -247,7 +251,8 @@ static float variance_of(double squares, double sum, double n, double unit)
 	return v > 0 ? limited(v * unit) : 0;
 }
 
-/* Sums to means and variances. The blur is linear, so the sum of the high-pass parts is that of the sum. */
+/* Sums to means and variances. The blur is linear, so
+ * the sum of the high-pass parts is that of the sum. */
 static int conclude(const struct boot *b, const struct gd_boot_out *out, const struct gd_blur *blur,
 		    struct gd_err *err)
 {
@@ -304,7 +309,8 @@ static int check_out(const struct gd_boot_out *out, const struct gd_boot_in *in,
 	return rc == GD_OK ? gd_field_check(out->local, in->n, w, h, "local variance", err) : rc;
 }
 
-/* to = square of the high-pass part of v times factor, averaged over a box. spare: of the same size. */
+/* to = square of the high-pass part of v times factor,
+ * averaged over a box. spare: of the same size. */
 static int local_power(struct gd_plane to, struct gd_plane v, struct gd_plane spare,
 		       double local_px, int side, double factor, struct gd_err *err)
 {

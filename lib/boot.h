@@ -63,8 +63,8 @@ struct gd_boot_result {
 };
 
 /*
- * Bootstrap aggregation. One bin: no draws are possible; mean is the ols solution and both variances
- * are 7x7 means of the squared high-pass part of it, which overestimates.
+ * Bootstrap aggregation. One bin: no draws are possible; mean is the ols solution and both
+ * variances are 7x7 means of the squared high-pass part of it, which overestimates.
  * Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. Independent of the number of threads.
  */
 int gd_boot_run(const struct gd_boot_out *out, const struct gd_boot_in *in,
@@ -80,8 +80,8 @@ int gd_boot_plain(const struct gd_plane *mean, const struct gd_boot_in *in,
 		  const struct gd_report *report, struct gd_err *err);
 
 /*
- * local[c], as above, from two independent solutions a and b whose average is the feature: 5x5 mean of
- * ((a - b) - blur(a - b))^2 / 4, the variance of the average's high-pass part.
+ * local[c], as above, from two independent solutions a and b whose average is the feature: 5x5 mean
+ * of ((a - b) - blur(a - b))^2 / 4, the variance of the average's high-pass part.
  */
 int gd_boot_halves(const struct gd_plane *local, const struct gd_plane *a, const struct gd_plane *b,
 		   int n, double local_px, struct gd_err *err);

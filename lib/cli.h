@@ -97,7 +97,8 @@ int gd_cli_open(struct gd_cli *cli, struct gd_exr **file, struct gd_image *im, c
 /* Loads the pixels and closes the file in every case. */
 int gd_cli_load(struct gd_cli *cli, struct gd_exr *file, struct gd_image *im, struct gd_err *err);
 
-/* Other frames beside the input, of --neighbours: refuses the input itself, and a file named twice. */
+/* Other frames beside the input, of --neighbours:
+ * refuses the input itself, and a file named twice. */
 int gd_cli_check_neighbours(const struct gd_cli *cli, const struct gd_list *list,
 			    struct gd_err *err);
 

@@ -11,8 +11,9 @@
 #include "kernel/poisson_prep.h"
 
 /*
- * Bits of positive floats sort as the floats do: the upper half picks a bucket, the lower half a value in it.
- * One table of counts for each thread, added up afterwards: whole numbers, so the order does not matter.
+ * Bits of positive floats sort as the floats do: the upper half picks a bucket, the lower
+ * half a value in it. One table of counts for each thread, added up afterwards: whole
+ * numbers, so the order does not matter.
  */
 #define BUCKETS 65536
 
@@ -22,7 +23,8 @@ struct census {
 	float *work;
 };
 
-/* upper < 0: counts upper halves; else lower halves of the values whose upper half it is. Returns the sum. */
+/* upper < 0: counts upper halves; else lower halves of
+ * the values whose upper half it is. Returns the sum. */
 static size_t count_bits(const struct gd_rows *rows, const struct census *c, long upper)
 {
 	size_t n = 0;
@@ -172,7 +174,8 @@ size_t gd_edges_weigh(const struct gd_mg_level *l, double phi)
 	const struct gd_prep_kernels *k = GD_PICK(gd_prep);
 	size_t none = 0;
 
-#pragma omp parallel for schedule(static) reduction(+:none)	/* integers: any order gives the same */
+	/* of whole numbers: any order gives the same */
+#pragma omp parallel for schedule(static) reduction(+:none)
 	for (int y = 0; y < l->h; y++) {
 		float *e = (float *)l->e + (size_t)y * l->stride,
 		      *s = (float *)l->s + (size_t)y * l->stride;

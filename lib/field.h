@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Input planes as the solver sees them: finite, scaled to about 1, row by row on the fly, so that nothing
- * is stored twice. And the way back: unscaling, and setting the constants that gradients leave free.
+ * Input planes as the solver sees them: finite, scaled to about 1, row by row on the
+ * fly, so that nothing is stored twice. And the way back: unscaling, and setting the
+ * constants that gradients leave free.
  */
 #ifndef GD_FIELD_H
 #define GD_FIELD_H
@@ -24,8 +25,9 @@ int gd_field_check(const struct gd_plane *plane, int n, int w, int h, const char
 		   struct gd_err *err);
 
 /*
- * Typical brightness, radiance: the mean of min(|v|, 100 x median of the positive |v|) over the primal, or over
- * the gradients where there is no primal or it is 0; 0 if everything is. Proportional to the input.
+ * Typical brightness, radiance: the mean of min(|v|, 100 x median of the positive |v|) over
+ * the primal, or over the gradients where there is no primal or it is 0; 0 if everything
+ * is. Proportional to the input.
  */
 double gd_field_level(const struct gd_field *field);
 
@@ -35,8 +37,8 @@ float gd_field_scale(double level);
 /* Floats of work space that gd_field_rows() needs per thread. */
 size_t gd_field_work(const struct gd_field *field);
 
-/* Cleaned rows for row y (row -1 of dy: zeros). A non-finite primal pixel becomes the median of its finite
- * neighbours (0 without any). */
+/* Cleaned rows for row y (row -1 of dy: zeros). A non-finite primal
+ * pixel becomes the median of its finite neighbours (0 without any). */
 struct gd_mg_rows gd_field_rows(const struct gd_field *field, int y, float *work);
 
 /* The primal's part of that: row y of channel c, in work (w floats). */
@@ -47,8 +49,9 @@ void gd_field_screen(const struct gd_field *field, const struct gd_mg_level *l, 
 		     double weight);
 
 /*
- * Adds to each connected part of x the constant that gives it the mean of the primal (mean 0 if target is
- * false or there is no primal). all: the edges are known to connect everything. parts (may be NULL): their number.
+ * Adds to each connected part of x the constant that gives it the mean of the primal (mean 0 if
+ * target is false or there is no primal). all: the edges are known to connect everything. parts
+ * (may be NULL): their number.
  */
 int gd_field_anchor(const struct gd_field *field, const struct gd_mg_level *l, bool wide, void *x,
 		    bool target, bool all, int *parts, struct gd_err *err);

@@ -212,7 +212,8 @@ static void calm(const struct gd_plane *p, int n, const struct gd_plane *spare)
 			struct rows r = rows_at(p[half], y);
 			struct rows other = rows_at(p[n - 1 - half], y);
 
-			if (n == 1)	/* nobody confirms what sticks out: no pixel is cut beside itself */
+			/* nobody confirms what sticks out: no pixel is cut beside itself */
+			if (n == 1)
 				other = (struct rows){ r.row, r.row, r.row };
 			calm_row(gd_row(spare[half], y), r, other, p[0].w);
 		}
@@ -241,7 +242,8 @@ int gd_halves_calm(struct gd_crossfit_in *in, struct gd_err *err)
 		for (int f = 0; f < in->nframe; f++) {
 			const struct gd_crossfit_frame *frame = in->frame + f;
 
-			calm((const struct gd_plane[]){ frame->feature[0][c], frame->feature[1][c] },
+			calm((const struct gd_plane[]){ frame->feature[0][c],
+							frame->feature[1][c] },
 			     n, spare);
 		}
 	}

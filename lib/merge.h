@@ -23,8 +23,9 @@
  *
  * A gradient between pixels of a and b samples counts 2ab / (a + b), or what its channel dx.samples
  * says (pair0.samples ...): its variance is the sum of two that fall with one number each, and
- * without samples at one end there is none. One that counts 0 in all inputs is the difference of the
- * merged colours. The result tells these counts where they are not 2ab / (a + b) of its samples.
+ * without samples at one end there is none. One that counts 0 in all inputs is the
+ * difference of the merged colours. The result tells these counts where they are not
+ * 2ab / (a + b) of its samples.
  *
  * Inputs that tell the samples of either half (half0.samples, half1.samples) have these in their
  * even and odd bins, others as many in each. The result tells them where they are not the same

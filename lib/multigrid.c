@@ -9,8 +9,8 @@
 #include <string.h>
 
 #define MAX_LEVELS 20		/* 2^17 halves to 1 in 17 steps */
-#define COARSEST 64		/* points solved directly: 64^2 doubles, 87 thousand multiplications */
-#define GROWTH 1e4		/* of the residual that the method itself may show before it falls again */
+#define COARSEST 64		/* points solved directly: 64^2 doubles, 87000 multiplications */
+#define GROWTH 1e4		/* of the residual: the method itself may show it before a fall */
 #define PARALLEL_POINTS 16384	/* below, waking the threads costs more than the work */
 
 struct gd_mg {
@@ -43,8 +43,8 @@ static bool worth_threads(const struct gd_mg_level *l)
 	for (int y = 0; y < (l)->h; y++)
 
 /*
- * Takes count planes from the block: *at is the number of elements handed out. The first call, with a
- * NULL block, only counts.
+ * Takes count planes from the block: *at is the number of elements
+ * handed out. The first call, with a NULL block, only counts.
  */
 static void *take(void *block, size_t *at, size_t count, const struct gd_mg_level *l, size_t size)
 {
@@ -172,8 +172,8 @@ static void couple(struct gd_mg *mg, int i, int j, double v)
 }
 
 /*
- * L D L' of the coarsest operator. A pivot that has lost all but rounding belongs to the constant of a
- * part that is tied down nowhere: that unknown is set to 0.
+ * L D L' of the coarsest operator. A pivot that has lost all but rounding belongs to the constant
+ * of a part that is tied down nowhere: that unknown is set to 0.
  */
 static void factorise(struct gd_mg *mg)
 {
@@ -272,9 +272,9 @@ void gd_mg_setup(struct gd_mg *mg)
 }
 
 /*
- * Part k of a sweep at row y. Level 0: black, red by its reduced diagonal, black again; this is symmetric, so
- * the same sweep goes before and after. Coarser levels: one half of the rows, then the other half, in the
- * opposite order after.
+ * Part k of a sweep at row y. Level 0: black, red by its reduced diagonal, black again; this is
+ * symmetric, so the same sweep goes before and after. Coarser levels: one half of the rows, then
+ * the other half, in the opposite order after.
  */
 static void sweep_row(const struct gd_mg *mg, int i, enum phase phase, int k, int y)
 {
@@ -296,9 +296,9 @@ static void sweep_row(const struct gd_mg *mg, int i, enum phase phase, int k, in
 }
 
 /*
- * One sweep of Gauss-Seidel, its two or three parts in one pass over memory: part k of row y - k follows
- * the first part of row y. Rows near the ends of a thread's band wait until the neighbours are done with
- * the part before. Every point sees the same values as without bands.
+ * One sweep of Gauss-Seidel, its two or three parts in one pass over memory: part k of row y - k
+ * follows the first part of row y. Rows near the ends of a thread's band wait until the neighbours
+ * are done with the part before. Every point sees the same values as without bands.
  */
 static void sweep(const struct gd_mg *mg, int i, enum phase phase)
 {
@@ -416,9 +416,9 @@ static double worst(const struct gd_mg *mg, const double *rz, const double *rz0)
 }
 
 /*
- * Rounding bounds what can be reached: when the residual has grown far beyond the least, the recursion has
- * lost touch with the true residual, and going on would diverge. The cycle that finds the residual small
- * enough is also the next correction, and always a good one by itself.
+ * Rounding bounds what can be reached: when the residual has grown far beyond the least, the
+ * recursion has lost touch with the true residual, and going on would diverge. The cycle that finds
+ * the residual small enough is also the next correction, and always a good one by itself.
  */
 static struct gd_mg_result iterate(struct gd_mg *mg, double tolerance, int max_iterations,
 				   bool fresh)

@@ -263,7 +263,7 @@ struct choice {
 	const struct gd_pairs *pairs;
 	unsigned char *degree;
 	bool *settled;		/* pixels known to be in a part that is not small */
-	int *part;		/* union-find: the pixel above, or at a root minus the part's size */
+	int *part;		/* union-find: the pixel above; at a root, minus the part's size */
 	int small;		/* parts of fewer than ENOUGH */
 };
 
@@ -343,8 +343,8 @@ static void take(struct choice *c, uint32_t edge, enum why why)
 /*
  * First the edges of falling affinity that save a part from being too small, however unlike its
  * ends; then all others that are alike enough, or that a pixel needs which has less than two.
- * Without the first, textures leave islands of five pixels, each with its four edges inside. Without the
- * limit, pixels whose like have no room left are compared with anything.
+ * Without the first, textures leave islands of five pixels, each with its four edges inside.
+ * Without the limit, pixels whose like have no room left are compared with anything.
  */
 static int take_all(const struct gd_pairs *pairs, const uint32_t *edge, size_t n, size_t alike,
 		    struct gd_err *err)

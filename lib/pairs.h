@@ -9,8 +9,9 @@
  * two edges.
  *
  * Differs from the paper, where each pixel names its own four, may be named by any number of
- * others, and draws among all of these at random. There are 2.2 to 2.3 edges for each pixel then, and at
- * most 2 here; at the same noise of each edge, the errors of l2 are within 10 % of each other.
+ * others, and draws among all of these at random. There are 2.2 to 2.3 edges for each
+ * pixel then, and at most 2 here; at the same noise of each edge, the errors of l2
+ * are within 10 % of each other.
  *
  * In a buffer: pairK.x pairK.y (K from 0) hold the offset of the K-th pixel that this pixel is
  * compared with, both 0 where there is none; an edge stands at the one of its two ends that comes

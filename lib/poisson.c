@@ -13,11 +13,11 @@
 #include "multigrid.h"
 
 #define FLOAT_TOLERANCE 3e-6	/* below this relative residual the rounding of float shows */
-#define FLOAT_SPAN 1e-7		/* a part that hangs on the rest by less than this times the largest weight: */
-				/* rounding inside it outweighs the pull that sets its constant */
-#define WIDE_TOLERANCE 1e-9	/* of what double is needed for: the energy norm hardly sees such constants */
+#define FLOAT_SPAN 1e-7		/* a part hanging on the rest by less than this times the largest */
+				/* weight: rounding inside outweighs the pull on its constant */
+#define WIDE_TOLERANCE 1e-9	/* where double is needed: the norm hardly sees such constants */
 #define RESTARTS 10		/* from the true residual, where rounding stops the recursion */
-#define L1_STEP 0.1	/* relative residual of each reweighted system: the next one has other weights anyway */
+#define L1_STEP 0.1	/* relative residual of each system: the next has other weights anyway */
 #define L1_FIRST 0.05	/* regularisation of the weights, of the typical brightness */
 #define L1_LAST 5e-3
 
@@ -260,11 +260,11 @@ static int linear(struct solver *s, const struct gd_plane *out, struct gd_err *e
 }
 
 /*
- * Iteratively reweighted least squares: the screened solution first, then every row (an edge or a primal pixel,
- * its residual's norm over the channels) weighs 1 over its last residual. The regularisation of that
- * division falls by half each time, from 5 % of the typical brightness to 0.5 % of it: of residuals below
- * that nothing is seen in the image, and giving them ever more weight makes it worse. Each system starts
- * from the last solution.
+ * Iteratively reweighted least squares: the screened solution first, then every row (an edge or a
+ * primal pixel, its residual's norm over the channels) weighs 1 over its last residual. The
+ * regularisation of that division falls by half each time, from 5 % of the typical brightness to
+ * 0.5 % of it: of residuals below that nothing is seen in the image, and giving them ever more
+ * weight makes it worse. Each system starts from the last solution.
  */
 static int reweighted(struct solver *s, const struct gd_plane *out, const struct gd_report *report)
 {

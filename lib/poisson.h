@@ -10,15 +10,17 @@
  *	l2	1			alpha^2		screened least squares
  *	l1	reweighted		alpha^2 x reweighted	sum of unsquared residual norms
  *
- * The channels share one operator: var_e is the mean of the channels' variances, and the l1 residual is
- * the norm over the channels. ols and wls leave a constant free; it is set so that the mean of f equals
- * that of y, per connected part of the edges (by 0 where there is no primal image).
+ * The channels share one operator: var_e is the mean of the channels' variances, and the
+ * l1 residual is the norm over the channels. ols and wls leave a constant free; it is
+ * set so that the mean of f equals that of y, per connected part of the edges (by 0
+ * where there is no primal image).
  *
  * phi = floor x median of var_e (and var_e is smoothed by a Gaussian first, see conf.smooth_px): a
- * variance estimated from a few bins has an error of 50 % and is often exactly 0 by chance, so it must not
- * decide alone. An edge over 1e12 phi says nothing and weighs 0.
- * A non-finite gradient weighs 0; a non-finite or missing variance counts as the largest; a non-finite
- * primal pixel is replaced by the median of its finite neighbours and weighs 1e-4 of the others.
+ * variance estimated from a few bins has an error of 50 % and is often exactly 0 by chance, so it
+ * must not decide alone. An edge over 1e12 phi says nothing and weighs 0.
+ * A non-finite gradient weighs 0; a non-finite or missing variance counts as the
+ * largest; a non-finite primal pixel is replaced by the median of its finite neighbours
+ * and weighs 1e-4 of the others.
  */
 #ifndef GD_POISSON_H
 #define GD_POISSON_H
@@ -63,8 +65,8 @@ struct gd_poisson_result {
 
 /*
  * out: in->n planes of w x h; must not overlap the inputs. Always finite.
- * result may be NULL. Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. Not reaching the tolerance is GD_OK.
- * Independent of the number of threads; n threads of OpenMP work inside.
+ * result may be NULL. Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. Not reaching the tolerance is
+ * GD_OK. Independent of the number of threads; n threads of OpenMP work inside.
  */
 int gd_poisson_solve(const struct gd_plane *out, const struct gd_poisson_in *in,
 		     const struct gd_poisson_conf *conf, struct gd_poisson_result *result,

@@ -9,7 +9,8 @@
 
 #include <stdint.h>
 
-/* A bijection of 32-bit words in which every input bit flips every output bit about half the time. */
+/* A bijection of 32-bit words in which every input
+ * bit flips every output bit about half the time. */
 static inline uint32_t gd_rng_mix(uint32_t x)
 {
 	x ^= x >> 16;

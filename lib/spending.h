@@ -13,16 +13,16 @@
  * it is added to is less sure: e is the error that the denoiser estimates of g, or what it does of
  * f less d if that is more, and a quarter of the mean of e at least. Both are divided by
  * colour^2 + dark^2, averaged over channels and halves, and blurred. Of R = d / e, the relative
- * change of the error, one region tells little more than its noise; it is drawn towards the R of the
- * whole image,
+ * change of the error, one region tells little more than
+ * its noise; it is drawn towards the R of the whole image,
  *	R* = M + (R - M) t / (t + s),
  * t: what the R of A and that of B vary by together over the image, s: half of what they differ by
  * (the variance of the mean of both).
  *
  * Plain samples would bring the error down by c^-p, p = 4 / (d + 4), in the same time (sampling.h).
- * Gradients pay where (1 + R*) c^p exp(-`grows`) < 1; the share of samples goes from 0 to 1 where the
- * logarithm of that goes from 0 to -`width`. Most regions have all or nothing: a feature made from a
- * few gradients costs more than it gains.
+ * Gradients pay where (1 + R*) c^p exp(-`grows`) < 1; the share of samples goes from 0 to 1 where
+ * the logarithm of that goes from 0 to -`width`. Most regions have all or nothing: a feature made
+ * from a few gradients costs more than it gains.
  */
 #ifndef GD_SPENDING_H
 #define GD_SPENDING_H

@@ -29,7 +29,8 @@ struct gd_pair_kernels {
 	/* r = G'W (v - G x) + a (primal - x), in double; sum[c] = r . r / diagonal */
 	void (*residual)(double *sum, float *r, const struct gd_pair_graph *g, const double *x,
 			 size_t from, size_t to);
-	/* Weights of the next l1 system: w, a become 1, alpha^2 over (the residual's norm + reg). */
+	/* Weights of the next l1 system: w, a become 1,
+	 * alpha^2 over (the residual's norm + reg). */
 	void (*reweight)(const struct gd_pair_graph *g, const double *x, double alpha, double reg,
 			 size_t from, size_t to);
 	/* p = r / diagonal + beta p */

@@ -9,7 +9,8 @@
 #define LIMIT 1e30f
 #define TAME 1e18f	/* its square, times 64, is finite */
 
-/* Draw number j of a pixel is one half of word j / 2, times the number of bins, above the 16 bits. */
+/* Draw number j of a pixel is one half of word j / 2,
+ * times the number of bins, above the 16 bits. */
 static inline uint32_t bin_of(uint32_t half, uint32_t bins)
 {
 	return (half * bins) >> 16;
@@ -66,7 +67,8 @@ static void draw(float *const *count, int bins, struct gd_rng_key key, uint32_t 
 	}
 }
 
-/* Scaled values of one plane's bins and their sum; returns how many are not finite or beyond the limit. */
+/* Scaled values of one plane's bins and their sum;
+ * returns how many are not finite or beyond the limit. */
 static int load(float (*restrict buf)[BLOCK], float *restrict sum, const struct gd_boot_rows *rows,
 		int plane, int x0, float scale, int n)
 {
@@ -89,8 +91,8 @@ static int load(float (*restrict buf)[BLOCK], float *restrict sum, const struct 
 }
 
 /*
- * Limits what is too large, and puts the mean of the finite bins in place of the others; without any, 0, and
- * var becomes infinite.
+ * Limits what is too large, and puts the mean of the finite bins in
+ * place of the others; without any, 0, and var becomes infinite.
  */
 static void mend(float (*restrict buf)[BLOCK], float *restrict total,
 		 const struct gd_boot_rows *rows, int plane, int x0, float *restrict var, int n)
@@ -122,9 +124,9 @@ static inline float tame(float v)
 }
 
 /*
- * By deviations d from the mean without draws, which is total / bins: mean of the draws, sum of squares about
- * it added to square, that about the plain mean added to plain. The drawn mean is near the plain one, so
- * sum c d^2 - (sum c d)^2 / bins hardly cancels.
+ * By deviations d from the mean without draws, which is total / bins: mean of the draws, sum of
+ * squares about it added to square, that about the plain mean added to plain. The drawn mean is
+ * near the plain one, so sum c d^2 - (sum c d)^2 / bins hardly cancels.
  */
 static void moments(float *restrict mean, float *restrict square, float *restrict plain,
 		    float *restrict total, float (*restrict buf)[BLOCK],

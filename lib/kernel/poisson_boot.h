@@ -18,13 +18,15 @@ struct gd_boot_rows {
 
 struct gd_boot_kernels {
 	/*
-	 * For pixels first .. first + w - 1: mean of the drawn bins to v[k], and the variance of that mean,
-	 * averaged over planes, to var: at least a tenth of the variance without draws, infinite where no bin is
-	 * finite. Values are multiplied by scale. key NULL: every bin once. Pixels are numbered by index.
+	 * For pixels first .. first + w - 1: mean of the drawn bins to v[k], and the variance of
+	 * that mean, averaged over planes, to var: at least a tenth of the variance without draws,
+	 * infinite where no bin is finite. Values are multiplied by scale. key NULL: every bin
+	 * once. Pixels are numbered by index.
 	 */
 	void (*resample)(float *const *v, float *var, const struct gd_boot_rows *rows,
 			 const struct gd_rng_key *key, uint32_t index, float scale, int w);
-	/* count[b] = how often bin b is drawn, for w pixels: what resample draws. count[b] has w floats. */
+	/* count[b] = how often bin b is drawn, for w pixels:
+	 * what resample draws. count[b] has w floats. */
 	void (*draw)(float *const *count, int bins, struct gd_rng_key key, uint32_t index, int w);
 	/* sum += d, square += d^2, high += (d - low)^2. square, high may be NULL. */
 	void (*add)(float *sum, float *square, float *high, const float *d, const float *low,

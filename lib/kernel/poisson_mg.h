@@ -2,10 +2,11 @@
 /*
  * Row kernels of the multigrid solver, in float and in double (see multigrid.h for the method).
  * All planes of a level have the same padded layout: element (0,0) is where the pointer points,
- * stride elements between rows, at least two zeros right of each row, and a row of zeros above and below,
- * so that no kernel needs to know where the border is: what lies beyond has weight 0.
+ * stride elements between rows, at least two zeros right of each row, and a row of zeros above and
+ * below, so that no kernel needs to know where the border is: what lies beyond has weight 0.
  *
- * Edges are conductances: e to (x+1,y), s to (x,y+1), se to (x+1,y+1), sw to (x-1,y+1). The operator is
+ * Edges are conductances: e to (x+1,y), s to (x,y+1),
+ * se to (x+1,y+1), sw to (x-1,y+1). The operator is
  *	(A z)_i = sum_j w_ij (z_i - z_j) + a_i z_i
  * and is always evaluated in differences, never as "diagonal times value minus sum": for smooth
  * z that would cancel. Level 0 has e and s only.
@@ -29,7 +30,8 @@ struct gd_mg_level {
 	void *z, *r;		/* correction and right-hand side, n planes each */
 };
 
-/* Cleaned rows of the input for one row y: dx, dy, dy of row y - 1 (zeros for y = 0), primal (or NULL). */
+/* Cleaned rows of the input for one row y: dx, dy, dy
+ * of row y - 1 (zeros for y = 0), primal (or NULL). */
 struct gd_mg_rows {
 	const float *dx[3], *dy[3], *up[3], *primal[3];
 };
@@ -61,7 +63,8 @@ struct gd_mg_kernels {
 			      int n, int y, void *work);
 	void (*prolong)(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n,
 			int y);
-	/* Conjugate gradients on level 0: p = z + beta p; z = A p, sum[c] = p . z; x += alpha p, r -= alpha z. */
+	/* Conjugate gradients on level 0: p = z + beta p;
+	 * z = A p, sum[c] = p . z; x += alpha p, r -= alpha z. */
 	void (*dot)(double *sum, const void *u, const void *v, const struct gd_mg_level *l, int n,
 		    int y);
 	void (*direction)(void *p, const struct gd_mg_level *l, int n, const double *beta, int y);
@@ -69,7 +72,8 @@ struct gd_mg_kernels {
 	/* r = G'W (v - G x) + a (primal - x), flux by flux. */
 	void (*residual)(const struct gd_mg_level *l, int n, const void *x,
 			 const struct gd_mg_rows *rows, int y);
-	/* Weights of the next l1 system: e, s, a = alpha^2 or 1 over (norm of the row's residual + reg). */
+	/* Weights of the next l1 system: e, s, a = alpha^2
+	 * or 1 over (norm of the row's residual + reg). */
 	void (*reweight)(const struct gd_mg_level *l, int n, const void *x,
 			 const struct gd_mg_rows *rows, double alpha, double reg, int y);
 	void (*step)(void *x, const void *p, const struct gd_mg_level *l, int n,

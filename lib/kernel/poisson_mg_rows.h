@@ -41,8 +41,8 @@ static void diagonal(const struct gd_mg_level *l, int y)
 }
 
 /*
- * out where x has the parity, z elsewhere. Written as a product with 1 and 0, which is exact, since the
- * compiler turns a choice into a branch per point.
+ * out where x has the parity, z elsewhere. Written as a product with 1 and 0,
+ * which is exact, since the compiler turns a choice into a branch per point.
  */
 static void choose(REAL *restrict z, const REAL *restrict out, int odd, int w)
 {
@@ -63,9 +63,9 @@ static void choose(REAL *restrict z, const REAL *restrict out, int odd, int w)
 
 /*
  * A black point follows its red neighbours at once, so what moves a red point is its diagonal less
- * sum w^2 / d of its black neighbours. Two points that hang together by a weight far above all others
- * would else hardly move at all; no coarse grid helps, where neither is on it. At most 1e5 times the step
- * of plain relaxation, which is what float can tell apart.
+ * sum w^2 / d of its black neighbours. Two points that hang together by a weight far above all
+ * others would else hardly move at all; no coarse grid helps, where neither is on it. At most 1e5
+ * times the step of plain relaxation, which is what float can tell apart.
  */
 static void schur(const struct gd_mg_level *l, int y)
 {
@@ -92,10 +92,11 @@ static void schur(const struct gd_mg_level *l, int y)
 }
 
 /*
- * A fine point (2X+1, 2Y) takes px of coarse (X,Y) and 1 - px of (X+1,Y); (2X, 2Y+1) takes py of (X,Y) and
- * the rest of (X,Y+1). The shares follow the edges towards either side, all three of that side summed:
- * the value a line of zero flux would have (Dendy's black-box multigrid). They sum to 1, so constants are
- * interpolated exactly. Without edges to either side, the first takes all; this is also right at the border.
+ * A fine point (2X+1, 2Y) takes px of coarse (X,Y) and 1 - px of (X+1,Y); (2X, 2Y+1) takes py of
+ * (X,Y) and the rest of (X,Y+1). The shares follow the edges towards either side, all three of that
+ * side summed: the value a line of zero flux would have (Dendy's black-box multigrid). They sum to
+ * 1, so constants are interpolated exactly. Without edges to either side, the first takes all; this
+ * is also right at the border.
  */
 static void interpolate(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int y)
 {
@@ -133,7 +134,8 @@ static void interpolate(const struct gd_mg_level *fine, const struct gd_mg_level
 	}
 }
 
-/* Adds w (difference)^2, whose difference is sum c_k x_k with sum c_k = 0, as -w c_k c_l (x_k - x_l)^2. */
+/* Adds w (difference)^2, whose difference is sum c_k x_k
+ * with sum c_k = 0, as -w c_k c_l (x_k - x_l)^2. */
 #define EDGE(w, c00, c10, c01, c11) do {				\
 	const REAL k00 = (c00), k10 = (c10), k01 = (c01), k11 = (c11);	\
 	const REAL w00 = (w) * k00, w11 = (w) * k11;			\
@@ -146,11 +148,11 @@ static void interpolate(const struct gd_mg_level *fine, const struct gd_mg_level
 } while (0)
 
 /*
- * The centre (2X+1, 2Y+1) of a coarse cell satisfies its own equation given its eight neighbours: shares
- * m00, m10, m01 of the four corners and m11 the rest. Then every fine edge of the cell is a difference of corner
- * values, and its energy splits over the six pairs of corners: the coarse operator P'AP without any
- * cancelling diagonal. Edges along cell borders belong to the row or column they lie on. The part that belongs
- * to the coarse row below goes to z, for combine().
+ * The centre (2X+1, 2Y+1) of a coarse cell satisfies its own equation given its eight neighbours:
+ * shares m00, m10, m01 of the four corners and m11 the rest. Then every fine edge of the cell is a
+ * difference of corner values, and its energy splits over the six pairs of corners: the coarse
+ * operator P'AP without any cancelling diagonal. Edges along cell borders belong to the row or
+ * column they lie on. The part that belongs to the coarse row below goes to z, for combine().
  */
 static inline void galerkin_row(const struct gd_mg_level *fine, const struct gd_mg_level *coarse,
 				int y, int nine)
@@ -251,7 +253,8 @@ static void combine(const struct gd_mg_level *coarse, int y)
 	diagonal(coarse, y);
 }
 
-/* The transpose of the interpolation: up, mid, low are rows 2y - 1, 2y, 2y + 1 of the fine level. */
+/* The transpose of the interpolation: up, mid, low
+ * are rows 2y - 1, 2y, 2y + 1 of the fine level. */
 static inline void gather(REAL *restrict to, const REAL *up, const REAL *mid, const REAL *low,
 			  const struct gd_mg_level *coarse, int y, int red)
 {
@@ -303,8 +306,8 @@ static void start(const struct gd_mg_level *l, int n, int y)
 }
 
 /*
- * Gauss-Seidel on the points of one colour: all points of a stretch are computed, and those of the colour
- * kept. Their neighbours are of the other colour and do not change.
+ * Gauss-Seidel on the points of one colour: all points of a stretch are computed, and those of the
+ * colour kept. Their neighbours are of the other colour and do not change.
  */
 static void relax(const struct gd_mg_level *l, int n, int y, int colour)
 {
@@ -368,7 +371,8 @@ static void correct(const struct gd_mg_level *l, int n, int y)
 	}
 }
 
-/* The residual after black points have been relaxed last: 0 there, this at red ones. Rows of work are w + 4 wide. */
+/* The residual after black points have been relaxed last: 0
+ * there, this at red ones. Rows of work are w + 4 wide. */
 static void residual5(REAL *restrict out, const struct gd_mg_level *l, int c, int y)
 {
 	const size_t stride = l->stride;
@@ -457,7 +461,8 @@ static void prolong_red(const struct gd_mg_level *fine, const struct gd_mg_level
 	}
 }
 
-/* Row y, points of x parity first, then the others. With the rows by parity this makes four colours. */
+/* Row y, points of x parity first, then the others.
+ * With the rows by parity this makes four colours. */
 static void relax9(const struct gd_mg_level *l, int n, int y, int first)
 {
 	const size_t stride = l->stride;

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#define LIMIT 1e30f	/* of scaled radiance: products with weights <= 1 and small sums stay finite */
+#define LIMIT 1e30f	/* of scaled radiance: times weights <= 1, and in small sums, finite */
 
 static int clean(float *restrict out, const float *restrict in, float scale, int w)
 {

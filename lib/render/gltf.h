@@ -53,7 +53,7 @@ struct gd_gltf {
 	size_t nbuffer;
 	struct gd_gltf_node *node;
 	size_t nnode;
-	size_t *order;			/* nodes of the scene, parents first, as the file has them */
+	size_t *order;			/* nodes of the scene as the file has them, parents first */
 	size_t norder;
 	struct gd_gltf_uv *uv;		/* of each material, and of the default one */
 	const struct gd_report *report;

@@ -55,7 +55,7 @@ struct gd_light {
 	uint32_t triangle;		/* GD_AREA */
 	float area;			/* GD_AREA, square metres */
 	struct gd_v3 position;		/* GD_POINT, GD_SPOT */
-	struct gd_v3 direction;		/* GD_SPOT, GD_DIRECTIONAL: the way light travels, length 1 */
+	struct gd_v3 direction;		/* GD_SPOT, GD_DIRECTIONAL: the light's way, length 1 */
 	struct gd_v3 intensity;		/* GD_POINT, GD_SPOT: radiant intensity; GD_DIRECTIONAL:
 					   irradiance of a surface it falls on at right angles */
 	float cos_inner, cos_outer;	/* GD_SPOT */
@@ -81,7 +81,7 @@ struct gd_view {
 };
 
 struct gd_scene {
-	struct gd_v3 *vertex, *normal;	/* world space; length 1, or 0: the normal of the triangle */
+	struct gd_v3 *vertex, *normal;	/* world space; length 1, or 0: the triangle's normal */
 	float *uv;			/* 2 a vertex, or NULL */
 	struct gd_triangle *triangle;
 	size_t nvertex, ntriangle;
@@ -133,8 +133,8 @@ int gd_scene_finish(struct gd_scene *scene, struct gd_err *err);
 
 struct gd_hit {
 	struct gd_v3 p;			/* position */
-	struct gd_v3 ng, ns;		/* geometric and shading normal, length 1; as the triangle has
-					   them: not turned to the ray, but ns is on ng's side */
+	struct gd_v3 ng, ns;		/* geometric and shading normal, length 1; as the triangle
+					   has them, not turned to the ray; ns on ng's side */
 	float u, v;			/* texture coordinates */
 	float t;			/* distance */
 	uint32_t triangle;

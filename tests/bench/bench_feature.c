@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Seconds of the feature stage on 1280x720 (or WIDTH HEIGHT) with 8 bins of noise whose strength
- * changes from pixel to pixel by orders of magnitude, as rendered gradients have it: medians of 5 runs.
+ * changes from pixel to pixel by orders of magnitude,
+ * as rendered gradients have it: medians of 5 runs.
  */
 #include <math.h>
 #include <stdint.h>

@@ -40,8 +40,9 @@ static void paint(struct gd_plane *p, int w, int h, int nf)
 				      ((x / 9 + y / 7) % 11 == 0 ? 0.3f : 0);
 
 			for (int c = 0; c < 6; c++)
-				gd_row(p[c], y)[x] = shade * (1 + (float)(region * (c % 3)) * 0.2f) +
-						     0.3f * noise();
+				gd_row(p[c], y)[x] =
+					shade * (1 + (float)(region * (c % 3)) * 0.2f) +
+					0.3f * noise();
 			for (int a = 0; a < nf; a++)
 				gd_row(p[9 + a], y)[x] =
 					(float)((region + a) % 5) * 0.2f + 0.02f * noise();

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Seconds of non-local means on 1280x720 (or WIDTH HEIGHT), three planes, 7 runs: of a feature whose
- * pixels are all noisy, and as the denoisers filter features, with noise everywhere and at edges.
+ * Seconds of non-local means on 1280x720 (or WIDTH HEIGHT), three planes, 7 runs: of
+ * a feature whose pixels are all noisy, and as the denoisers filter features, with
+ * noise everywhere and at edges.
  */
 #include <stdbool.h>
 #include <stdio.h>

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Seconds of the Poisson solver and of bagging without I/O, medians of 5 runs, at 1280x720 (or WIDTH HEIGHT):
- * a line each of "what<TAB>seconds<TAB>megapixels", next to the memory bandwidth of a STREAM triad.
- * With EXR files as further arguments the first one's bins are tiled over the image; else they are made up,
- * with noise whose deviation varies by five orders and a firefly in every thousandth pixel.
+ * Seconds of the Poisson solver and of bagging without I/O, medians of 5 runs, at 1280x720 (or
+ * WIDTH HEIGHT): a line each of "what<TAB>seconds<TAB>megapixels", next to the memory bandwidth
+ * of a STREAM triad. With EXR files as further arguments the first one's bins are tiled over
+ * the image; else they are made up, with noise whose deviation varies by five orders and a
+ * firefly in every thousandth pixel.
  */
 #include <math.h>
 #include <stdio.h>

@@ -4,9 +4,10 @@
  *	flicker SEQUENCE METHOD [METHOD ...]
  * SEQUENCE is a folder of ref0.exr, ref1.exr ..., METHOD the start of the names of results in it:
  * "d" is d0.exr, d1.exr ... One row of tab-separated values each:
- *	flicker	variance over the frames, times 1000: of what a point of the scene looks like, relative
- *		to reference^2 + 0.01, light divided out; mean over the channels and the points that are
- *		seen in half of the frames at least, no moving thing or its edge near in any of them
+ *	flicker	variance over the frames, times 1000: of what a point of the scene looks like,
+ *		relative to reference^2 + 0.01, light divided out; mean over the channels and the
+ *		points that are seen in half of the frames at least, no moving thing or its edge
+ *		near in any of them
  *	late	the same from frame to frame in the second half of the sequence: half the squared
  *		difference of a frame to the one before
  *	relmse	mean over all frames (free of the reference's noise)
@@ -91,7 +92,8 @@ static int load_refs(struct refs *s, const char *dir, struct gd_err *err)
 	return rc;
 }
 
-static void take(struct point *p, const struct refs *s, const struct gd_plane *v, int t, int x, int y)
+static void take(struct point *p, const struct refs *s, const struct gd_plane *v, int t, int x,
+		 int y)
 {
 	const double l = (double)gd_row(s->light[t], y)[x];
 	const bool next = p->seen == t && 2 * t >= s->n;

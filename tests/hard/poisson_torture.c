@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Hostile input to the solver and to bagging: nothing but finite numbers may come out, and sensible ones. */
+/* Hostile input to the solver and to bagging: nothing
+ * but finite numbers may come out, and sensible ones. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

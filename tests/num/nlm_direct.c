@@ -341,7 +341,8 @@ static void round_windows(void **unused)
 		check(37, 23, 3, 2, conf, 1.0);
 }
 
-/* Columns with x % 16 == 3 are exact, but between noisy ones; the noise of others grows with y % 11. */
+/* Columns with x % 16 == 3 are exact, but between noisy
+ * ones; the noise of others grows with y % 11. */
 static void negligible_noise(void **unused)
 {
 	const double share[] = { 1e-9, 0.01, 0.03 };

@@ -34,13 +34,15 @@ static void dense_solve(long double *a, long double *b, int n)
 	}
 }
 
-/* The weight of a row of the system: that of pair k at pixel i, or of the colour there (k = GD_PAIRS). */
+/* The weight of a row of the system: that of pair k at
+ * pixel i, or of the colour there (k = GD_PAIRS). */
 typedef double weight_of(const struct paired *p, int k, int i, void *user);
 
 static long double *dense(const struct paired *p, int c, weight_of *weight, void *user)
 {
 	const int n = p->w * p->h;
-	long double *a = calloc((size_t)n * (size_t)n, sizeof(*a)), *b = calloc((size_t)n, sizeof(*b));
+	long double *a = calloc((size_t)n * (size_t)n, sizeof(*a)),
+		    *b = calloc((size_t)n, sizeof(*b));
 
 	for (int i = 0; i < n; i++) {
 		const int x = i % p->w, y = i / p->w;
@@ -75,8 +77,8 @@ static void same(const struct paired *p, int c, const long double *want, double 
 		const double got = (double)gd_row(p->out[c], i / p->w)[i % p->w];
 
 		if (!(fabs(got - (double)want[i]) <= tolerance))
-			fail_msg("pixel %d,%d of channel %d: %.9g, expected %.9g", i % p->w, i / p->w,
-				 c, got, (double)want[i]);
+			fail_msg("pixel %d,%d of channel %d: %.9g, expected %.9g", i % p->w,
+				 i / p->w, c, got, (double)want[i]);
 	}
 }
 
@@ -94,7 +96,9 @@ static double even(const struct paired *p, int k, int i, void *user)
 
 static void test_l2(void **state)
 {
-	static const int size[][2] = { { 13, 11 }, { 1, 1 }, { 17, 1 }, { 1, 9 }, { 5, 3 }, { 2, 2 } };
+	static const int size[][2] = {
+		{ 13, 11 }, { 1, 1 }, { 17, 1 }, { 1, 9 }, { 5, 3 }, { 2, 2 }
+	};
 	double alphas[] = { 0.2, 0.003, 30 };
 
 	(void)state;
@@ -142,7 +146,8 @@ static void test_pairs_without_a_number_weigh_nothing(void **state)
 	for (int i = 0; i < 13 * 11; i++)
 		for (int k = 0; k < GD_PAIRS; k++)
 			if ((p.pairs.dx[k][i] || p.pairs.dy[k][i]) && uniform(&n) < 0.3) {
-				gd_row(p.in.value[k][i % 3], i / 13)[i % 13] = i % 2 ? NAN : -INFINITY;
+				gd_row(p.in.value[k][i % 3], i / 13)[i % 13] =
+					i % 2 ? NAN : -INFINITY;
 				dropped++;
 			}
 	assert_int_equal(paired_solve(&p, GD_L2, alpha, 1e-9).dropped, dropped);

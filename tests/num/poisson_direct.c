@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The solver against a direct solution in long double, for every method and for weights of many orders. */
+/* The solver against a direct solution in long double,
+ * for every method and for weights of many orders. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -145,7 +146,8 @@ static void spread_variances(struct problem *p, double orders, double floor, uin
 		}
 }
 
-/* Each edge by itself anywhere within 12 orders, inconsistent gradients, exact where the floor lets it. */
+/* Each edge by itself anywhere within 12 orders,
+ * inconsistent gradients, exact where the floor lets it. */
 static void test_weights_over_orders(void **state)
 {
 	static const struct { double orders, floor, limit;

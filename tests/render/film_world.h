@@ -52,8 +52,9 @@ static inline struct gd_v3 colour_at(const struct world *w, int x, int y, double
 		     (float)contribution(w, x, y, 2, u));
 }
 
-static inline void sample(const void *user, const struct gd_path_conf *conf, const struct gd_path_in *in,
-		   struct gd_draw *draw, struct gd_path_out *out)
+static inline void sample(const void *user, const struct gd_path_conf *conf,
+			  const struct gd_path_in *in, struct gd_draw *draw,
+			  struct gd_path_out *out)
 {
 	const struct world *w = user;
 	const float u = gd_draw(draw);
@@ -84,7 +85,8 @@ static inline struct gd_render_conf usual(void)
 					.share = 1, .bins = 8, .seed = 5 };
 }
 
-static inline void render(struct gd_image *im, const struct world *w, const struct gd_render_conf *conf)
+static inline void render(struct gd_image *im, const struct world *w,
+			  const struct gd_render_conf *conf)
 {
 	struct gd_err err = { 0 };
 

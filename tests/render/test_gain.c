@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * What gradients are for: how much less the difference of two neighbours varies if it comes from
- * offset paths than if it comes from their colours, at equal samples; and what that is worth once an
- * image has been made of it.
+ * offset paths than if it comes from their colours, at equal
+ * samples; and what that is worth once an image has been made of it.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -188,12 +188,14 @@ static void test_images_from_gradients_are_unbiased(void **state)
 		judge(&chi, mean(s) - mean(t), variance(s) + variance(t));
 		raw += variance(t) * t.n / 4 / (W * H);
 	}
-	print_message("reconstruction: slope %.3f, chi2 %.3f (worst %.1f), squared error %.3f of the colours'\n",
+	print_message("reconstruction: slope %.3f, chi2 %.3f (worst %.1f), squared error %.3f of "
+		      "the colours'\n",
 		      slope, chi2_mean(chi), chi.worst, error_of(image, 1, &truth) / raw);
 	free(truth.spot);
 	gd_scene_free(scene);
 	assert_true(fabs(slope + 0.5) < 0.1);
-	assert_true(chi2_mean(chi) < 3 && chi.worst < 5);	/* errors of neighbours are alike here */
+	/* errors of neighbours are alike here */
+	assert_true(chi2_mean(chi) < 3 && chi.worst < 5);
 }
 
 int main(void)

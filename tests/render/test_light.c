@@ -49,7 +49,9 @@ static double solid_angle(struct gd_v3 p, const struct gd_v3 v[3])
 	return 2 * atan2(above, below);
 }
 
-static const struct gd_v3 corner[3] = { { -1, 2, 0.3f }, { 1.5f, 2.2f, -0.4f }, { 0.2f, 1.8f, 1.3f } };
+static const struct gd_v3 corner[3] = { { -1, 2, 0.3f },
+					{ 1.5f, 2.2f, -0.4f },
+					{ 0.2f, 1.8f, 1.3f } };
 
 static struct gd_scene *one_triangle(void)
 {
@@ -204,7 +206,8 @@ static void delta_lights(void **state)
 	assert_true(gd_light_sample(s, p, choice_of(s, 2), 0.3f, 0.3f, &l));
 	assert_true(l.delta && isinf(l.t) && l.pdf == s->light[2].chance);
 	assert_true(l.d.y == 0.6f && l.d.z == -0.8f && l.radiance.x == 0.5f);
-	/* the spot: full inside the inner cone, a square of a line between the cones, none outside */
+	/* the spot: full inside the inner cone, a square
+	 * of a line between the cones, none outside */
 	for (double x = 0; x < 3; x += 0.01) {
 		const struct gd_v3 below = gd_v3((float)(1 + x), 3, 0);
 		const double c = 1 / sqrt(1 + x * x), f = fmin(fmax((c - 0.7) / 0.2, 0), 1);
@@ -369,7 +372,8 @@ static void orientation(void **state)
 	(void)state;
 	for (int y = 0; y < 4; y++)
 		for (int x = 0; x < 8; x++) {
-			const struct gd_v3 c = gd_environment_at(s, towards(x + 0.5, y + 0.5, 8, 4));
+			const struct gd_v3 c =
+				gd_environment_at(s, towards(x + 0.5, y + 0.5, 8, 4));
 
 			assert_true(close_to((double)c.x, (double)rgb[3 * (8 * y + x)], 1e-4));
 			assert_true(close_to((double)c.z, (double)rgb[3 * (8 * y + x) + 2], 1e-4));
@@ -409,7 +413,8 @@ static void distribution(int w, int h, bool black_part)
 	for (int y = 0; y < h; y++)
 		for (int x = 0; x < w; x++) {
 			const double angle = 2 * PI / w * (cos(PI * y / h) - cos(PI * (y + 1) / h));
-			const double pdf = (double)gd_environment_pdf(s, towards(x + 0.5, y + 0.5, w, h));
+			const double pdf =
+				(double)gd_environment_pdf(s, towards(x + 0.5, y + 0.5, w, h));
 			const double want = n * pdf * angle;
 
 			total += pdf * angle;
@@ -420,8 +425,9 @@ static void distribution(int w, int h, bool black_part)
 			for (int i = 0; i < 256; i++) {
 				const double c = (i / 16 + 0.5) / 16, a = cos(PI * y / h),
 					     b = cos(PI * (y + 1) / h);
-				const struct gd_v3 d = towards(x + (i % 16 + 0.5) / 16,
-							       acos(a + c * (b - a)) / PI * h, w, h);
+				const struct gd_v3 d =
+					towards(x + (i % 16 + 0.5) / 16,
+						acos(a + c * (b - a)) / PI * h, w, h);
 				const double r = (double)gd_luma(gd_environment_at(s, d));
 
 				flux += r * angle / 256;
@@ -432,8 +438,9 @@ static void distribution(int w, int h, bool black_part)
 	assert_true(fabs(total - 1) < 1e-4);
 	if (!(chi < cells + 5 * sqrt(2. * cells)))
 		fail_msg("%dx%d: chi-square %g of %d cells", w, h, chi, cells);
-	assert_true(close_to(sum / n, flux, 5 * sqrt(fmax(squares / n / (sum / n) / (sum / n) - 1, 0) / n) +
-					    1e-3));
+	assert_true(
+		close_to(sum / n, flux,
+			 5 * sqrt(fmax(squares / n / (sum / n) / (sum / n) - 1, 0) / n) + 1e-3));
 	free(count);
 	gd_scene_free(s);
 }

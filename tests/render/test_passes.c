@@ -60,7 +60,8 @@ static void see(struct seen *s, const struct gd_image *im, const char *layer,
 	for (int y = 0; y < H - dy; y++)
 		for (int x = 0; x < W - dx; x++) {
 			const double here = dx || dy ? level(w, x, y, 1) : 0;
-			const double d = (double)gd_row(p, y)[x] + here - level(w, x + dx, y + dy, 1);
+			const double d =
+				(double)gd_row(p, y)[x] + here - level(w, x + dx, y + dy, 1);
 
 			s->n++;
 			s->bias += d;
@@ -157,7 +158,8 @@ static void test_even_passes(void **state)
 	}
 	merge(&out, in, 2);
 	for (int k = 0; k < 5; k++)
-		near(value(&out, name[k], 7, 5), (want[k][0] + want[k][1]) / 2, 1e-6, name[k], 7, 5);
+		near(value(&out, name[k], 7, 5), (want[k][0] + want[k][1]) / 2, 1e-6, name[k], 7,
+		     5);
 	near(value(&out, "samples", 7, 5), 32, 0, "samples", 7, 5);
 	near(value(&out, "pair0.x", 7, 5), 1, 0, "pair0.x", 7, 5);
 	near(value(&out, "pair0.y", 7, 5), 2, 0, "pair0.y", 7, 5);

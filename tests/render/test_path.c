@@ -100,7 +100,8 @@ static void test_white_objects_vanish(void **state)
 		struct gd_material last = glass(0.5f);
 
 		last.ior = 1;
-		const uint32_t k = add_material(s, i < 4 ? m[i] : last), six[6] = { k, k, k, k, k, k };
+		const uint32_t k = add_material(s, i < 4 ? m[i] : last),
+			       six[6] = { k, k, k, k, k, k };
 
 		if (i & 1)
 			add_ball(s, gd_v3(0, 0, 0), 1, 8, false, k);
@@ -140,28 +141,34 @@ static double albedo(const struct gd_material *m, double c, bool inside)
 {
 	const int n = 600;
 	const double r = (double)m->roughness, a = r * r, base = (double)m->base.x;
-	const double metallic = (double)m->metallic, pass = (1 - metallic) * (double)m->transmission;
-	const double eta = inside && pass > 0 ? 1 / (double)m->ior : (double)m->ior, so = sqrt(1 - c * c);
+	const double metallic = (double)m->metallic,
+		     pass = (1 - metallic) * (double)m->transmission;
+	const double eta = inside && pass > 0 ? 1 / (double)m->ior : (double)m->ior,
+		     so = sqrt(1 - c * c);
 	const double diffuse = (1 - metallic) * (1 - (double)m->transmission) * base;
 	double sum = 0, even = 0;
 
 	for (int i = 0; i < n; i++)
 		for (int j = 0; j < n; j++) {
-			const double left = (i + 0.5) / n, u = 1 - left * left;	/* du = 2 left: even steps at u = 1 */
+			/* du = 2 left: even steps at u = 1 */
+			const double left = (i + 0.5) / n, u = 1 - left * left;
 			const double t2 = a * a * u / (1 - u), hz = 1 / sqrt(1 + t2);
 			const double hx = sqrt(t2) * hz * cos(2 * PI_ * (j + 0.5) / n);
 			const double oh = so * hx + c * hz, d = oh > 0 ? fresnel(oh, eta) : 0;
 			const double f = (1 - metallic) * d +
 					 metallic * (base + (1 - base) * pow(1 - oh, 5));
 			const double iz = 2 * oh * hz - c, w = 2 * left * oh / (c * hz);
-			const double tz = c / eta - (oh / eta - sqrt(fmax(1 - (1 - oh * oh) / eta / eta, 0))) * hz;
+			const double tz =
+				c / eta -
+				(oh / eta - sqrt(fmax(1 - (1 - oh * oh) / eta / eta, 0))) * hz;
 
 			if (oh <= 0)
 				continue;
 			if (iz > 0)
 				sum += f * w / (1 + lambda(a, c) + lambda(a, iz));
 			if (d < 1 && tz > 0)
-				sum += pass * base * (1 - d) * w / (1 + lambda(a, c) + lambda(a, tz));
+				sum += pass * base * (1 - d) * w /
+				       (1 + lambda(a, c) + lambda(a, tz));
 		}
 	for (int i = 0; i < 10000; i++) {
 		const double z = (i + 0.5) / 10000;
@@ -196,7 +203,8 @@ static void test_surface_under_an_even_sky_has_its_albedo(void **state)
 			const double t = angle[k % 3], side = k < 3 ? 1 : -1;
 			struct gd_scene *s = scene_new();
 
-			add_quad(s, gd_v3(-1, 0, 1), gd_v3(2, 0, 0), gd_v3(0, 0, -2), add_material(s, m[i]));
+			add_quad(s, gd_v3(-1, 0, 1), gd_v3(2, 0, 0), gd_v3(0, 0, -2),
+				 add_material(s, m[i]));
 			add_sky(s, 1);
 			peer(s, gd_v3((float)sin(t), (float)(side * cos(t)), 0), gd_v3(0, 0, 0));
 			expect(measure(s, 2, 1200), albedo(&m[i], cos(t), k >= 3), 1e-3, "albedo",
@@ -234,7 +242,8 @@ static void test_rectangle_lights_a_point(void **state)
 	(void)state;
 	for (int i = 0; i < 9; i++) {
 		const struct gd_v3 d = e[i / 3], p = at[i % 3];
-		const struct gd_v3 v[4] = { o, gd_add(o, d), gd_add(gd_add(o, d), f), gd_add(o, f) };
+		const struct gd_v3 v[4] = { o, gd_add(o, d), gd_add(gd_add(o, d), f),
+					    gd_add(o, f) };
 		struct gd_scene *s = scene_new();
 
 		add_quad(s, gd_v3(-5, 0, 5), gd_v3(10, 0, 0), gd_v3(0, 0, -10),
@@ -284,7 +293,8 @@ static void test_points_spots_and_suns_light_a_point(void **state)
 		s = floor_alone();
 		add_spot(s, at, gd_add(at, aim), 0.3f, 0.4f, 7);
 		if (part > 0)
-			expect(seen_at_origin(s, 4), 7 * direct * part * part, 2e-4, "spot", angle[i]);
+			expect(seen_at_origin(s, 4), 7 * direct * part * part, 2e-4, "spot",
+			       angle[i]);
 		else
 			assert_true(seen_at_origin(s, 4).value == 0);
 	}
@@ -329,8 +339,10 @@ static void test_sky_lights_a_point(void **state)
 	peer(s, gd_v3(0.1f, 0.3f, -0.2f), gd_v3(0, 0, 0));
 	for (int i = 0; i < n; i++)
 		for (int k = 0; k < 4 * n; k++) {
-			const double z = (i + 0.5) / n, r = sqrt(1 - z * z), p = PI_ * (k + 0.5) / (2 * n);
-			const struct gd_v3 d = gd_v3((float)(r * cos(p)), (float)z, (float)(r * sin(p)));
+			const double z = (i + 0.5) / n, r = sqrt(1 - z * z),
+				     p = PI_ * (k + 0.5) / (2 * n);
+			const struct gd_v3 d =
+				gd_v3((float)(r * cos(p)), (float)z, (float)(r * sin(p)));
 
 			sum += (double)gd_luma(gd_environment_at(s, d)) * z;
 		}
@@ -339,7 +351,8 @@ static void test_sky_lights_a_point(void **state)
 
 /* --- form factors --- */
 
-/* Unit squares face to face at distance 1, and at right angles along an edge (Howell's catalogue). */
+/* Unit squares face to face at distance 1, and at
+ * right angles along an edge (Howell's catalogue). */
 static void test_squares_have_their_form_factors(void **state)
 {
 	const double r2 = sqrt(2);
@@ -352,7 +365,8 @@ static void test_squares_have_their_form_factors(void **state)
 		struct gd_scene *s = scene_new();
 		const uint32_t light = add_material(s, lamp(2));
 
-		add_quad(s, gd_v3(0, 0, 1), gd_v3(1, 0, 0), gd_v3(0, 0, -1), add_material(s, matter(0.5f)));
+		add_quad(s, gd_v3(0, 0, 1), gd_v3(1, 0, 0), gd_v3(0, 0, -1),
+			 add_material(s, matter(0.5f)));
 		if (i)
 			add_quad(s, gd_v3(0, 0, 0), gd_v3(1, 0, 0), gd_v3(0, 1, 0), light);
 		else
@@ -384,10 +398,12 @@ static void test_one_bounce_in_a_box(void **state)
 	(void)state;
 	for (int k = 0; k < 4; k++)	/* x = 0, x = 1, z = 0, z = 1 */
 		for (int i = 0; i < n * n; i++) {
-			const float u = ((float)(i % n) + 0.5f) / (float)n, y = ((float)(i / n) + 0.5f) / (float)n;
+			const float u = ((float)(i % n) + 0.5f) / (float)n,
+				    y = ((float)(i / n) + 0.5f) / (float)n;
 			const float at = (float)(k & 1);
 			const struct gd_v3 q = k < 2 ? gd_v3(at, y, u) : gd_v3(u, y, at);
-			const struct gd_v3 m = k < 2 ? gd_v3(1 - 2 * at, 0, 0) : gd_v3(0, 0, 1 - 2 * at);
+			const struct gd_v3 m =
+				k < 2 ? gd_v3(1 - 2 * at, 0, 0) : gd_v3(0, 0, 1 - 2 * at);
 			const struct gd_v3 d = gd_sub(q, p);
 			const double d2 = (double)gd_dot(d, d);
 
@@ -396,7 +412,8 @@ static void test_one_bounce_in_a_box(void **state)
 		}
 	add_box(s, gd_v3(0, 0, 0), gd_v3(1, 1, 1), six, true);
 	peer(s, gd_v3(0.45f, 0.4f, 0.6f), p);
-	expect(measure(s, 3, 3000), a / PI_ * (from_ceiling(p, gd_v3(0, 1, 0)) + bounced), 3e-4, "bounce", 0);
+	expect(measure(s, 3, 3000), a / PI_ * (from_ceiling(p, gd_v3(0, 1, 0)) + bounced), 3e-4,
+	       "bounce", 0);
 }
 
 /* --- mirrors, panes, lenses --- */
@@ -413,10 +430,11 @@ static void test_mirrors_reflect_by_their_angle(void **state)
 
 		add_quad(s, gd_v3(-1, 0, 1), gd_v3(2, 0, 0), gd_v3(0, 0, -2),
 			 add_material(s, i < 3 ? metal(0.6f, 0) : plastic(0, 0)));
-		add_quad(s, gd_v3(-40, 3, -2), gd_v3(80, 0, 0), gd_v3(0, 0, 4), add_material(s, lamp(1)));
+		add_quad(s, gd_v3(-40, 3, -2), gd_v3(80, 0, 0), gd_v3(0, 0, 4),
+			 add_material(s, lamp(1)));
 		peer(s, up, gd_v3(0, 0, 0));
-		expect(measure(s, 3, 400), i < 3 ? 0.6 + 0.4 * pow(1 - c, 5) : fresnel(c, 1.5), 1e-4,
-		       "mirror", t);
+		expect(measure(s, 3, 400), i < 3 ? 0.6 + 0.4 * pow(1 - c, 5) : fresnel(c, 1.5),
+		       1e-4, "mirror", t);
 	}
 }
 
@@ -432,7 +450,8 @@ static void test_pane_lets_through_what_two_faces_leave(void **state)
 
 		add_quad(s, gd_v3(-9, 0, 9), gd_v3(18, 0, 0), gd_v3(0, 0, -18), pane);
 		add_quad(s, gd_v3(-9, -0.1f, -9), gd_v3(18, 0, 0), gd_v3(0, 0, 18), pane);
-		add_quad(s, gd_v3(-40, -3, -40), gd_v3(80, 0, 0), gd_v3(0, 0, 80), add_material(s, lamp(1)));
+		add_quad(s, gd_v3(-40, -3, -40), gd_v3(80, 0, 0), gd_v3(0, 0, 80),
+			 add_material(s, lamp(1)));
 		peer(s, gd_v3((float)sin(angle[i]), (float)cos(angle[i]), 0), gd_v3(0, 0, 0));
 		expect(measure(s, 255, 800), (1 - r) / (1 + r), 1e-4, "pane", angle[i]);
 	}
@@ -446,7 +465,8 @@ static void test_lens_blurs_as_its_disc_says(void **state)
 	struct shot a = { .w = 16, .h = 12, .spp = 800, .seed = 3 };
 
 	(void)state;
-	add_quad(s, gd_v3(0, -9, (float)-distance), gd_v3(9, 0, 0), gd_v3(0, 18, 0), add_material(s, lamp(1)));
+	add_quad(s, gd_v3(0, -9, (float)-distance), gd_v3(9, 0, 0), gd_v3(0, 18, 0),
+		 add_material(s, lamp(1)));
 	look_at(s, gd_v3(0, 0, 0), gd_v3(0, 0, -1), (float)width, 1);
 	s->view.lens = (float)lens;
 	s->view.focus = (float)focus;
@@ -496,8 +516,8 @@ static void compare(const struct room *room, int spp)
 		all += mean(a);
 	}
 	if (getenv("SHOW"))
-		print_message("mis: chi2 %.3f (worst %.1f), all %+.1f, error %.4f\n", chi2_mean(chi),
-			      chi.worst, d / sqrt(v), sqrt(v) / all);
+		print_message("mis: chi2 %.3f (worst %.1f), all %+.1f, error %.4f\n",
+			      chi2_mean(chi), chi.worst, d / sqrt(v), sqrt(v) / all);
 	assert_true(chi2_mean(chi) < 1.6);
 	assert_true(fabs(d) < SIGMA * sqrt(v));
 	assert_true(sqrt(v) < 0.03 * all);
@@ -525,7 +545,8 @@ static void test_ambient_light_stays_in_the_halves(void **state)
 	const int depth = 4;
 	struct gd_scene *s = scene_new();
 	struct gd_material m = matter((float)a);
-	struct shot with = { .w = 6, .h = 6, .scene = s, .ring = NEXT, .spp = 400, .seed = 8 }, none;
+	struct shot with = { .w = 6, .h = 6, .scene = s, .ring = NEXT, .spp = 400, .seed = 8 },
+		    none;
 	double sum = 0, v = 0, truth = 0;
 
 	(void)state;

@@ -17,7 +17,9 @@ static struct shot picture(const struct gd_scene *scene, int spp, float ratio)
 {
 	struct shot s = { .w = W, .h = H, .scene = scene, .ring = NEXT, .spp = spp + 1, .seed = 9 };
 
-	s.conf = (struct gd_path_conf){ .depth = 8, .shift_ratio = ratio, .ambient = 0.01f, .mis = true };
+	s.conf = (struct gd_path_conf){
+		.depth = 8, .shift_ratio = ratio, .ambient = 0.01f, .mis = true
+	};
 	shoot(&s);
 	return s;
 }
@@ -51,16 +53,17 @@ static double check(struct gd_scene *scene, int spp)
 	return sum;
 }
 
+#define NO_MAPS                                                                                    \
+	.base_map = GD_NO_INDEX, .rough_map = GD_NO_INDEX, .emission_map = GD_NO_INDEX
+
 static const struct room ROOMS[] = {
-	{ .floor = { .base = { 0.7f, 0.7f, 0.7f }, .roughness = 0.4f, .ior = 1.5f, .base_map = GD_NO_INDEX,
-		     .rough_map = GD_NO_INDEX, .emission_map = GD_NO_INDEX },
+	{ .floor = { .base = { 0.7f, 0.7f, 0.7f }, .roughness = 0.4f, .ior = 1.5f, NO_MAPS },
 	  .ball = { .base = { 1, 1, 1 }, .roughness = 0.15f, .ior = 1.5f, .transmission = 1,
-		    .base_map = GD_NO_INDEX, .rough_map = GD_NO_INDEX, .emission_map = GD_NO_INDEX },
+		    NO_MAPS },
 	  .light = LAMP },
 	{ .floor = { .base = { 0.7f, 0.7f, 0.7f }, .roughness = 0.1f, .metallic = 1, .ior = 1.5f,
-		     .base_map = GD_NO_INDEX, .rough_map = GD_NO_INDEX, .emission_map = GD_NO_INDEX },
-	  .ball = { .base = { 1, 1, 1 }, .roughness = 0, .ior = 1.5f, .transmission = 1,
-		    .base_map = GD_NO_INDEX, .rough_map = GD_NO_INDEX, .emission_map = GD_NO_INDEX },
+		     NO_MAPS },
+	  .ball = { .base = { 1, 1, 1 }, .roughness = 0, .ior = 1.5f, .transmission = 1, NO_MAPS },
 	  .light = LAMP | MAP, .lens = 0.05f },
 };
 
@@ -110,13 +113,16 @@ static void test_units_do_not_matter(void **state)
 			const double m = check(room_in_units(&ROOMS[r], size[k], 1), 64);
 
 			if (!(fabs(m / truth - 1) < 0.01))
-				fail_msg("size %g: %.5f, should be %.5f", (double)size[k], m, truth);
+				fail_msg("size %g: %.5f, should be %.5f", (double)size[k], m,
+					 truth);
 		}
 		for (int k = 0; k < 2; k++) {
-			const double m = check(room_in_units(&ROOMS[r], 1, light[k]), 64) / (double)light[k];
+			const double m =
+				check(room_in_units(&ROOMS[r], 1, light[k]), 64) / (double)light[k];
 
 			if (!(fabs(m / truth - 1) < 0.001))
-				fail_msg("light %g: %.5f, should be %.5f", (double)light[k], m, truth);
+				fail_msg("light %g: %.5f, should be %.5f", (double)light[k], m,
+					 truth);
 		}
 	}
 }
@@ -133,17 +139,20 @@ static void test_blinding_light_stays_finite(void **state)
 
 static void lamp_in_the_floor(struct gd_scene *s)
 {
-	add_quad(s, gd_v3(-0.5f, 0, 0.5f), gd_v3(0.6f, 0, 0), gd_v3(0, 0, -0.6f), add_material(s, lamp(2)));
+	add_quad(s, gd_v3(-0.5f, 0, 0.5f), gd_v3(0.6f, 0, 0), gd_v3(0, 0, -0.6f),
+		 add_material(s, lamp(2)));
 }
 
 static void lamp_standing_on_the_floor(struct gd_scene *s)
 {
-	add_quad(s, gd_v3(-0.5f, 0, 0.5f), gd_v3(0.6f, 0, 0), gd_v3(0, 0.3f, 0), add_material(s, lamp(2)));
+	add_quad(s, gd_v3(-0.5f, 0, 0.5f), gd_v3(0.6f, 0, 0), gd_v3(0, 0.3f, 0),
+		 add_material(s, lamp(2)));
 }
 
 static void lamp_edge_on(struct gd_scene *s)
 {
-	add_quad(s, gd_v3(1.5f, 0, 0.5f), gd_v3(2, 0, 0), gd_v3(0, 0, -1), add_material(s, lamp(500)));
+	add_quad(s, gd_v3(1.5f, 0, 0.5f), gd_v3(2, 0, 0), gd_v3(0, 0, -1),
+		 add_material(s, lamp(500)));
 }
 
 static void walls_twice(struct gd_scene *s)

@@ -18,10 +18,14 @@ static void test_exact(void **state)
 			for (int c = 0; c < 3; c++) {
 				assert_true(value(&im, rgb[c], x, y) == level(&w, x, y, c));
 				assert_true(value(&im, name_of("variance", c), x, y) == 0);
-				assert_true(value(&im, name_of("bin5", c), x, y) == level(&w, x, y, c));
-				assert_true(value(&im, name_of("dx", c), x, y) == (x < W - 1 ? 0.25 : 0));
-				assert_true(value(&im, name_of("dy", c), x, y) == (y < H - 1 ? 0.5 : 0));
-				assert_true(value(&im, name_of("bin7.dy", c), x, y) == (y < H - 1 ? 0.5 : 0));
+				assert_true(value(&im, name_of("bin5", c), x, y) ==
+					    level(&w, x, y, c));
+				assert_true(value(&im, name_of("dx", c), x, y) ==
+					    (x < W - 1 ? 0.25 : 0));
+				assert_true(value(&im, name_of("dy", c), x, y) ==
+					    (y < H - 1 ? 0.5 : 0));
+				assert_true(value(&im, name_of("bin7.dy", c), x, y) ==
+					    (y < H - 1 ? 0.5 : 0));
 				assert_true(value(&im, name_of("dx.variance", c), x, y) == 0);
 			}
 	assert_true(value(&im, "albedo.R", 3, 4) == 0.25);
@@ -46,14 +50,16 @@ static void check_pixel(const struct gd_image *im, const struct world *w, uint64
 
 	for (int s = 0; s < n; s++)
 		for (int c = 0; c < 3; c++) {
-			const double v = (double)(float)contribution(w, x, y, c, drawn(seed, x, y, s));
+			const double v =
+				(double)(float)contribution(w, x, y, c, drawn(seed, x, y, s));
 
 			sum[c] += v / n;
 			bin[s % bins][c] += v / (n / bins + (s % bins < n % bins));
 		}
 	for (int s = 0; s < n; s++)
 		for (int c = 0; c < 3; c++) {
-			const double v = (double)(float)contribution(w, x, y, c, drawn(seed, x, y, s));
+			const double v =
+				(double)(float)contribution(w, x, y, c, drawn(seed, x, y, s));
 
 			square[c] += (v - sum[c]) * (v - sum[c]) / n / (n - 1);
 		}
@@ -77,7 +83,8 @@ static double half_sum(const struct world *w, uint64_t seed, int x, int y, int t
 	for (int s = 0; s < n; s++) {
 		const double u = drawn(seed, x, y, s);
 
-		sum += (contribution(w, x + to, y, c, u) - contribution(w, x, y, c, u)) / (1 + r) / n;
+		sum += (contribution(w, x + to, y, c, u) - contribution(w, x, y, c, u)) / (1 + r) /
+		       n;
 	}
 	for (int s = 0; s < n; s++) {
 		const double u = drawn(seed, x, y, s);
@@ -102,8 +109,9 @@ static void test_moments(void **state)
 		for (int x = 0; x < W - 1; x++) {
 			check_pixel(&im, &w, conf.seed, x, y, 16, 8);
 			for (int c = 0; c < 3; c++) {
-				double a, b, d = half_sum(&w, conf.seed, x, y, 1, 16, 1, c, &a) -
-						 half_sum(&w, conf.seed, x + 1, y, -1, 16, 1, c, &b);
+				double a, b,
+					d = half_sum(&w, conf.seed, x, y, 1, 16, 1, c, &a) -
+					    half_sum(&w, conf.seed, x + 1, y, -1, 16, 1, c, &b);
 
 				near(value(&im, name_of("dx", c), x, y), d, 2e-6, "dx", x, y);
 				near(value(&im, name_of("dx.variance", c), x, y), a + b,
@@ -234,7 +242,8 @@ static double half_variance(const struct world *w, int x, int y, int u, int v, i
 	return d * d / 12 / (1 + r) / (1 + r) / n;
 }
 
-/* Gradients of one direction with any counts and shares: against what they are and how they vary. */
+/* Gradients of one direction with any counts and
+ * shares: against what they are and how they vary. */
 static void check_gradients(const struct gd_image *im, const struct world *w,
 			    const struct gd_render_conf *conf, int dx, struct chi *chi)
 {
@@ -248,7 +257,8 @@ static void check_gradients(const struct gd_image *im, const struct world *w,
 	for (int y = 0; y < im->h - dy; y++)
 		for (int x = 0; x < im->w - dx; x++) {
 			const int u = x + dx, v = y + dy;
-			const double n = gd_plan_samples(&plan, x, y), m = gd_plan_samples(&plan, u, v);
+			const double n = gd_plan_samples(&plan, x, y),
+				     m = gd_plan_samples(&plan, u, v);
 			const double a = gd_plan_traced_of(&plan, gd_plan_share(&plan, x, y),
 							   (uint32_t)n);
 			const double b = gd_plan_traced_of(&plan, gd_plan_share(&plan, u, v),
@@ -356,13 +366,16 @@ static void test_counts(void **state)
 				near(value(&im, "dx.R", x, y), 0, 0, "dx.R", x, y);
 			}
 			if (n == 1)
-				near(value(&im, "bin4.G", x, y), value(&im, "G", x, y), 0, "bin4", x, y);
+				near(value(&im, "bin4.G", x, y), value(&im, "G", x, y), 0, "bin4",
+				     x, y);
 			/* three samples: bins 0 and 2 of one side, 1 of the other */
 			if (n == 3) {
-				const double a = value(&im, "bin0.G", x, y), b = value(&im, "bin2.G", x, y);
+				const double a = value(&im, "bin0.G", x, y),
+					     b = value(&im, "bin2.G", x, y);
 
 				near(value(&im, "bin6.G", x, y), (a + b) / 2, 1e-6, "bin6", x, y);
-				near(value(&im, "bin5.G", x, y), value(&im, "bin1.G", x, y), 0, "bin5", x, y);
+				near(value(&im, "bin5.G", x, y), value(&im, "bin1.G", x, y), 0,
+				     "bin5", x, y);
 			}
 			assert_true(value(&im, "variance.R", x, y) > 0);
 		}

@@ -32,7 +32,8 @@ static double meet(const struct gd_scene *s, size_t i, struct gd_v3 o, struct gd
 		     by = (double)v[2].y - v[0].y, bz = (double)v[2].z - v[0].z;
 	const double px = dy * bz - dz * by, py = dz * bx - dx * bz, pz = dx * by - dy * bx;
 	const double det = ax * px + ay * py + az * pz;
-	const double tx = (double)o.x - v[0].x, ty = (double)o.y - v[0].y, tz = (double)o.z - v[0].z;
+	const double tx = (double)o.x - v[0].x, ty = (double)o.y - v[0].y,
+		     tz = (double)o.z - v[0].z;
 	const double qx = ty * az - tz * ay, qy = tz * ax - tx * az, qz = tx * ay - ty * ax;
 	const double u = (tx * px + ty * py + tz * pz) / det,
 		     w = (dx * qx + dy * qy + dz * qz) / det,
@@ -184,7 +185,8 @@ static void convex(double scale, double offset)
 			continue;
 		d = gd_scale(d, 1 / t);
 		blind += !gd_ray_free(s, a.p, d, t);
-		/* the same two from a little outside of the sphere, beyond what coordinates round */
+		/* the same two from a little outside of the
+		 * sphere, beyond what coordinates round */
 		pairs++;
 		if (t > 0.5f * (float)scale) {
 			const float off = 1e-3f * (float)scale;
@@ -197,8 +199,8 @@ static void convex(double scale, double offset)
 	/* a point within rounding of an edge may be on either side of it */
 	assert_true(tries == 4000 && pairs > 3000);
 	if (struck > 4 || escaped > 4 || blind > 0 || leaks > 0)
-		fail_msg("scale %g, offset %g: %d outward rays struck, %d inward escaped, %d blind, "
-			 "%d leaks", scale, offset, struck, escaped, blind, leaks);
+		fail_msg("scale %g, offset %g: %d outward rays struck, %d inward escaped, "
+			 "%d blind, %d leaks", scale, offset, struck, escaped, blind, leaks);
 	gd_scene_free(s);
 }
 
@@ -228,7 +230,8 @@ static void flat_floor(void **state)
 		struct gd_hit hit, other;
 		struct gd_v3 d;
 
-		if (!gd_ray_hit(s, gd_v3((float)(1000 * rnd() - 500), 300, (float)(900 * rnd() - 450)),
+		if (!gd_ray_hit(s,
+				gd_v3((float)(1000 * rnd() - 500), 300, (float)(900 * rnd() - 450)),
 				gd_v3(0, -1, 0), &hit))
 			continue;
 		d = grazing(gd_scale(hit.ng, hit.ng.y < 0 ? -1 : 1), pow(10, -7 * rnd()));
@@ -412,7 +415,8 @@ static void chances(void **state)
 		weight[i] = i;
 	gd_cdf_fill(cdf, weight, N);
 	for (int i = 0; i < N; i++)
-		assert_true(fabs((double)(cdf[i + 1] - cdf[i]) - i / (N * (N - 1) / 2.)) <= 0x1p-23);
+		assert_true(fabs((double)(cdf[i + 1] - cdf[i]) - i / (N * (N - 1) / 2.)) <=
+			    0x1p-23);
 	/* nothing at all; everything at the end; only the first */
 	memset(weight, 0, sizeof(weight));
 	assert_true(gd_cdf_fill(cdf, weight, N) == 0);

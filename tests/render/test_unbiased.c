@@ -73,7 +73,8 @@ static struct number difference(const struct pair *p, int x, int y, int k)
 					variance(ci->colour) + variance(cj->colour) };
 }
 
-/* I_i from its share of its own samples and from the offset paths of the other pixel's, less I_i. */
+/* I_i from its share of its own samples and from the
+ * offset paths of the other pixel's, less I_i. */
 static struct number sum(const struct shot *a, int x, int y, int k)
 {
 	const struct spot *i = &a->spot[y * W + x], *j = other(a, a, x, y, k);
@@ -222,8 +223,10 @@ static void test_all(void **state)
 		CASE("ratio 20", varnish, glass(0.2f), LAMP, .ratio = 20),
 		CASE("ratio 2", varnish, grey, LAMP, .ratio = 2),
 		CASE("stripes", matter(0.9f), matter(0.05f), 0, .make = stripes_new, .spp = 800),
-		CASE("glossy stripes", silk, metal(0.05f, 0.5f), 0, .make = stripes_new, .spp = 800),
-		CASE("mirror stripes", metal(0.95f, 0), metal(0.05f, 0), 0, .make = stripes_new, .spp = 800),
+		CASE("glossy stripes", silk, metal(0.05f, 0.5f), 0, .make = stripes_new,
+		     .spp = 800),
+		CASE("mirror stripes", metal(0.95f, 0), metal(0.05f, 0), 0, .make = stripes_new,
+		     .spp = 800),
 		CASE("glossy corner", paint, metal(0.9f, 0.3f), 0, .make = corner_new),
 		CASE("sharp corner", paint, half, 0, .make = corner_new),
 		CASE("knight", varnish, metal(0.6f, 0.3f), LAMP | MAP, .ring = KNIGHT,

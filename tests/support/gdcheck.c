@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Judges what the tools have written.
- *	gdcheck -c LIST A.exr			no channel that LIST (a regular expression) matches has a NaN or an
- *						Inf, and there is one at least
- *	gdcheck A.exr B.exr [TOL [SCALE [TURN]]]	and B's colour is A's times SCALE (1), mirrored (x, y) or
- *		transposed (t), to TOL (0) of the larger of the pixel and A's mean
+ *	gdcheck -c LIST A.exr
+ *		no channel that LIST (a regular expression) matches has a NaN or an Inf, and there
+ *		is one at least
+ *	gdcheck A.exr B.exr [TOL [SCALE [TURN]]]
+ *		and B's colour is A's times SCALE (1), mirrored (x, y) or transposed (t), to TOL (0)
+ *		of the larger of the pixel and A's mean
  * Exit 0: so it is; 1: it is not, and where; 2: a file cannot be read.
  */
 #include <math.h>

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * A rectangle of a gd buffer, of any size: beyond its borders the buffer repeats. Types and attributes
- * stay as they are, but gd:renderSeconds, which becomes these pixels' share. Made testdata/, and makes
- * large inputs of real noise for measurements.
+ * A rectangle of a gd buffer, of any size: beyond its borders the buffer repeats. Types and
+ * attributes stay as they are, but gd:renderSeconds, which becomes these pixels' share. Made
+ * testdata/, and makes large inputs of real noise for measurements.
  *	gdcut IN.exr OUT.exr X0 Y0 WIDTH HEIGHT [CHANNEL-PREFIX-TO-DROP ...]
  */
 #include <stdint.h>
@@ -12,7 +12,8 @@
 
 #include "exr.h"
 
-/* Does the last column ('x') or row ('y') of this channel carry no gradient? "bin3.dx.variance.R" */
+/* Does the last column ('x') or row ('y') of this
+ * channel carry no gradient? "bin3.dx.variance.R" */
 static bool is_gradient(const char *name, char axis)
 {
 	const char part[] = { 'd', axis, '.', 0 };

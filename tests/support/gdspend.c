@@ -6,11 +6,11 @@
  * MAP.exr: its channel "sampling", in bins; COUNT: the same for all pixels; neither: none.
  * The bins beyond BASE know nothing of the map, so that every mean stays unbiased.
  *
- * A gradient joins two pixels. It gets as many bins as both have, or with -e as they have in the mean
- * (a half: rounded up on black squares of a chessboard, down on white ones), or as either has.
+ * A gradient joins two pixels. It gets as many bins as both have, or with -e as they have in the
+ * mean (a half: rounded up on black squares of a chessboard, down on white ones), or as either has.
  *
- * Written: means, the variance of the mean from the spread of the bins at hand, half0 and half1 (the
- * even and the odd bins at hand), the halves again as bin0 and bin1, and samples, those of the
+ * Written: means, the variance of the mean from the spread of the bins at hand, half0 and half1
+ * (the even and the odd bins at hand), the halves again as bin0 and bin1, and samples, those of the
  * halves, too. A bin is on the same side everywhere: neighbours share noise in gradient-domain
  * renders, and halves must not.
  * With -a and equal counts everywhere the bins stay apart.
@@ -65,14 +65,16 @@ static int add(struct spend *s, const char *part, const char *layer, struct gd_p
 	return gd_layer_add(&s->out, name, 3, p, err);
 }
 
-static int copy_bin(struct spend *s, const char *name, const struct gd_plane *from, struct gd_err *err)
+static int copy_bin(struct spend *s, const char *name, const struct gd_plane *from,
+		    struct gd_err *err)
 {
 	struct gd_plane to[4];
 	int rc = gd_layer_add(&s->out, name, 3, to, err);
 
 	for (int c = 0; c < 3 && rc == GD_OK; c++)
 		for (int y = 0; y < to[c].h; y++)
-			memcpy(gd_row(to[c], y), gd_row(from[c], y), (size_t)to[c].w * sizeof(float));
+			memcpy(gd_row(to[c], y), gd_row(from[c], y),
+			       (size_t)to[c].w * sizeof(float));
 	return rc;
 }
 

@@ -142,7 +142,8 @@ static inline double level2(const struct scene *s)
 	return 0.01 * sum * sum;
 }
 
-/* Percentiles 0.5 to 99.5 and lower quartile of the distance from the median, of 64 x 64 samples. */
+/* Percentiles 0.5 to 99.5 and lower quartile of the
+ * distance from the median, of 64 x 64 samples. */
 static inline void spread(struct gd_plane f, double *range, double *floor)
 {
 	double v[64 * 64], d[64 * 64];

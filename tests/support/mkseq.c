@@ -9,7 +9,8 @@
  * KIND, several joined by '+':
  *	static			nothing moves
  *	pan			the camera moves sideways, `step` pixels per frame
- *	object			a disc of another scene (object=DIR) moves 4 pixels per frame in front
+ *	object			a disc of another scene (object=DIR) in front moves 4 pixels per
+ *				frame
  *	shadow			the edge of a shadow (light times 0.4) moves 3 pixels per frame
  *	ramp			all light times 1 + 0.05 t
  *	lamp			light around the middle grows by 8 % a frame, falling off in a bell
@@ -264,8 +265,10 @@ static void board(const struct seq *s, int t, const struct gd_plane *p)
 		for (int x = 0; x < s->w; x++) {
 			if (!on_disc(s, t, x * s->shrink, y * s->shrink))
 				continue;
-			gd_row(p[0], y)[x] = (float)(mean[0] + sqrt(var[0]) * (3.0 * x / s->w - 1.5));
-			gd_row(p[1], y)[x] = (float)(mean[1] + sqrt(var[1]) * (3.0 * y / s->h - 1.5));
+			gd_row(p[0], y)[x] =
+				(float)(mean[0] + sqrt(var[0]) * (3.0 * x / s->w - 1.5));
+			gd_row(p[1], y)[x] =
+				(float)(mean[1] + sqrt(var[1]) * (3.0 * y / s->h - 1.5));
 			gd_row(p[2], y)[x] = (float)(mean[2] + 3 * sqrt(var[2]));
 		}
 }
@@ -274,7 +277,8 @@ static int add_feature(const struct seq *s, struct gd_image *im, int t, int at, 
 		       struct gd_err *err)
 {
 	static const char *const xyz[] = { "X", "Y", "Z" }, *const rgb[] = { "R", "G", "B" };
-	const double fewer = s->plain ? 1 : 4.0 / s->shrink / s->shrink;	/* 8 bins, 2 in a frame */
+	/* 8 bins, 2 in a frame */
+	const double fewer = s->plain ? 1 : 4.0 / s->shrink / s->shrink;
 	struct gd_layer names = gd_layer_find(&s->back.gpt, layer);
 	struct gd_plane p[GD_LAYER_PLANES], q[GD_LAYER_PLANES], pv[GD_LAYER_PLANES],
 		qv[GD_LAYER_PLANES], to[GD_LAYER_PLANES], tv[GD_LAYER_PLANES];
@@ -295,7 +299,8 @@ static int add_feature(const struct seq *s, struct gd_image *im, int t, int at, 
 		if (rc != GD_OK)
 			break;
 		fill(s, t, &(struct layer){ .back = p[c], .disc = q[c], .kind = FEATURE }, to[c]);
-		fill(s, t, &(struct layer){ .back = pv[c], .disc = qv[c], .kind = VARIANCE }, tv[c]);
+		fill(s, t, &(struct layer){ .back = pv[c], .disc = qv[c], .kind = VARIANCE },
+		     tv[c]);
 	}
 	if (rc == GD_OK && !strcmp(layer, "P"))
 		board(s, t, to);

@@ -13,7 +13,8 @@ struct paired {
 	int w, h;
 };
 
-/* share of the edges that are left out at random; gradients of the truth with noise of deviation sigma. */
+/* share of the edges that are left out at random;
+ * gradients of the truth with noise of deviation sigma. */
 static inline struct paired paired_new(int w, int h, double left_out, double sigma, uint64_t seed)
 {
 	struct paired p = { .w = w, .h = h };
@@ -54,7 +55,8 @@ static inline struct paired paired_new(int w, int h, double left_out, double sig
 		for (int y = 0; y < h; y++)
 			for (int x = 0; x < w; x++)
 				gd_row(p.in.primal[c], y)[x] =
-					(float)((double)gd_row(p.truth[c], y)[x] + sigma * normal(&n));
+					(float)((double)gd_row(p.truth[c], y)[x] +
+						sigma * normal(&n));
 		for (int k = 0; k < GD_PAIRS; k++) {
 			p.in.value[k][c] = blank(w, h);
 			for (int y = 0; y < h; y++)
@@ -62,9 +64,10 @@ static inline struct paired paired_new(int w, int h, double left_out, double sig
 					const int dx = p.pairs.dx[k][y * w + x],
 						  dy = p.pairs.dy[k][y * w + x];
 
-					gd_row(p.in.value[k][c], y)[x] = (float)(
-						(double)gd_row(p.truth[c], y + dy)[x + dx] -
-						(double)gd_row(p.truth[c], y)[x] + sigma * normal(&n));
+					gd_row(p.in.value[k][c], y)[x] =
+						(float)((double)gd_row(p.truth[c], y + dy)[x + dx] -
+							(double)gd_row(p.truth[c], y)[x] +
+							sigma * normal(&n));
 				}
 		}
 	}

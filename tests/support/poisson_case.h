@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Gradient problems to solve: made images, their gradients with noise, variances; and comparisons. */
+/* Gradient problems to solve: made images, their
+ * gradients with noise, variances; and comparisons. */
 #ifndef POISSON_CASE_H
 #define POISSON_CASE_H
 
@@ -40,7 +41,8 @@ struct problem {
 	int w, h;
 };
 
-/* A smooth image with an edge and different channels; noise of the given deviation on everything. */
+/* A smooth image with an edge and different channels;
+ * noise of the given deviation on everything. */
 static inline struct problem problem_new(int w, int h, double sigma, uint64_t seed)
 {
 	struct problem p = { .w = w, .h = h };
@@ -57,21 +59,26 @@ static inline struct problem problem_new(int w, int h, double sigma, uint64_t se
 		p.in.dyvar[c] = blank(w, h);
 		for (int y = 0; y < h; y++)
 			for (int x = 0; x < w; x++)
-				gd_row(p.truth[c], y)[x] = (float)(1 + 0.3 * sin(0.2 * x + c) * cos(0.15 * y) +
-								   (3 * x + 2 * y > 2 * w ? 0.7 : 0));
+				gd_row(p.truth[c], y)[x] =
+					(float)(1 + 0.3 * sin(0.2 * x + c) * cos(0.15 * y) +
+						(3 * x + 2 * y > 2 * w ? 0.7 : 0));
 		for (int y = 0; y < h; y++)
 			for (int x = 0; x < w; x++) {
 				double t = (double)gd_row(p.truth[c], y)[x];
 
 				gd_row(p.in.primal[c], y)[x] = (float)(t + sigma * normal(&n));
 				if (x + 1 < w)
-					gd_row(p.in.dx[c], y)[x] = (float)((double)gd_row(p.truth[c], y)[x + 1] - t +
-									   sigma * normal(&n));
+					gd_row(p.in.dx[c], y)[x] =
+						(float)((double)gd_row(p.truth[c], y)[x + 1] - t +
+							sigma * normal(&n));
 				if (y + 1 < h)
-					gd_row(p.in.dy[c], y)[x] = (float)((double)gd_row(p.truth[c], y + 1)[x] - t +
-									   sigma * normal(&n));
-				gd_row(p.in.dxvar[c], y)[x] = (float)(sigma * sigma * (0.5 + uniform(&n)));
-				gd_row(p.in.dyvar[c], y)[x] = (float)(sigma * sigma * (0.5 + uniform(&n)));
+					gd_row(p.in.dy[c], y)[x] =
+						(float)((double)gd_row(p.truth[c], y + 1)[x] - t +
+							sigma * normal(&n));
+				gd_row(p.in.dxvar[c], y)[x] =
+					(float)(sigma * sigma * (0.5 + uniform(&n)));
+				gd_row(p.in.dyvar[c], y)[x] =
+					(float)(sigma * sigma * (0.5 + uniform(&n)));
 			}
 	}
 	return p;

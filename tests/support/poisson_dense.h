@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * A slow, plain oracle for gradient problems: normal equations in long double, solved by banded Cholesky.
- * It shares no code with the library. Images are w x h arrays, row after row.
+ * A slow, plain oracle for gradient problems: normal equations in long double, solved by banded
+ * Cholesky. It shares no code with the library. Images are w x h arrays, row after row.
  */
 #ifndef POISSON_DENSE_H
 #define POISSON_DENSE_H
@@ -56,7 +56,8 @@ static inline void dense_flood(const struct dense *d, int *part, int i, int mark
 }
 
 /* f: the minimiser; parts without any a_i get the mean of y. Returns the number of parts. */
-static inline int dense_solve(const struct dense *d, const double *vx, const double *vy, const double *y, double *f)
+static inline int dense_solve(const struct dense *d, const double *vx, const double *vy,
+			      const double *y, double *f)
 {
 	const int n = d->w * d->h, band = d->w;
 	const size_t row = (size_t)band + 1;

@@ -53,8 +53,8 @@ static inline struct gd_scene *room_new(const struct room *r)
 }
 
 /*
- * A closed box whose ceiling shines, seen from above: bright and dark stripes as wide as a pixel of 16,
- * so that paths of neighbours survive with very different chances.
+ * A closed box whose ceiling shines, seen from above: bright and dark stripes as wide as a pixel of
+ * 16, so that paths of neighbours survive with very different chances.
  */
 static inline struct gd_scene *stripes_new(const struct room *r)
 {

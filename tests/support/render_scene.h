@@ -103,7 +103,8 @@ static inline uint32_t add_vertex(struct gd_scene *s, struct gd_v3 p, struct gd_
 static inline void add_triangle(struct gd_scene *s, uint32_t a, uint32_t b, uint32_t c, uint32_t m)
 {
 	s->triangle = grown(s->triangle, s->ntriangle + 1, sizeof *s->triangle);
-	s->triangle[s->ntriangle++] = (struct gd_triangle){ { a, b, c }, m, GD_NO_INDEX };
+	s->triangle[s->ntriangle++] = (struct gd_triangle){ .vertex = { a, b, c }, .material = m,
+							     .light = GD_NO_INDEX };
 }
 
 /* A parallelogram from corner o along e and f; its normal is e x f. */

@@ -94,7 +94,8 @@ static inline void shoot_spot(const struct shot *s, int x, int y)
 		c = (double)gd_luma(o.colour);
 		note(&p->colour, c);
 		for (int k = 0; k < in.n; k++) {
-			const double m = (double)gd_luma(o.mine[k]), t = (double)gd_luma(o.theirs[k]);
+			const double m = (double)gd_luma(o.mine[k]),
+				     t = (double)gd_luma(o.theirs[k]);
 
 			note(&p->half[k], (double)gd_luma(o.half[k]));
 			note(&p->mine[k], m);

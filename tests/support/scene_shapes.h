@@ -173,8 +173,8 @@ static void quad(struct mesh *m, struct p3 p, struct p3 a, struct p3 b, double s
 }
 
 /*
- * A surface over (u, v) in 0 .. 1. Normals by differences, a little off v = 0 and 1, where poles may
- * be poles; texture coordinates su u, sv v.
+ * A surface over (u, v) in 0 .. 1. Normals by differences, a little off
+ * v = 0 and 1, where poles may be poles; texture coordinates su u, sv v.
  */
 typedef struct p3 surface(double u, double v, const void *arg);
 

@@ -78,7 +78,7 @@ static void test_bin_variance(void **state)
 
 	(void)state;
 	gd_apr_bin_variance(var, bin, 3);
-	assert_float_equal(gd_row(var, 2)[3], (4 + 1 + 9) / 6.0, 1e-6);
+	assert_float_equal(gd_row(var, 2)[3], 14 / 6.f, 1e-6);
 	gd_row(bin[1], 0)[0] = 3e38f;
 	gd_row(bin[2], 0)[0] = NAN;
 	gd_row(bin[2], 0)[1] = 3e38f;

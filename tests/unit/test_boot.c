@@ -120,8 +120,8 @@ static double error_of(struct gd_plane f, struct gd_plane truth, bool local)
 }
 
 /*
- * Over many noise seeds the bootstrap's variance agrees with the true squared error, up to (B - 1) / B, which
- * resampling B values with replacement loses, and the spread of ten replicates.
+ * Over many noise seeds the bootstrap's variance agrees with the true squared error, up to
+ * (B - 1) / B, which resampling B values with replacement loses, and the spread of ten replicates.
  */
 static void test_variance_is_the_squared_error(void **state)
 {
@@ -292,7 +292,8 @@ static void test_scaling(void **state)
 	bins_free(b);
 }
 
-/* Two solutions whose difference is white noise: a quarter of its variance, but for what the blur takes. */
+/* Two solutions whose difference is white noise: a quarter
+ * of its variance, but for what the blur takes. */
 static void test_halves(void **state)
 {
 	struct gd_plane a[1] = {blank(80, 60)}, b[1] = {blank(80, 60)}, local[1] = {blank(80, 60)};

@@ -64,7 +64,8 @@ static void fill(struct gd_plane p[3], const struct view *v, int kind, double sc
 		}
 }
 
-static void check(const struct view *v, int kind, double scale, double jitter, int lost, double most)
+static void check(const struct view *v, int kind, double scale, double jitter, int lost,
+		  double most)
 {
 	struct gd_plane p[3] = { plane(), plane(), plane() };
 	struct gd_camera camera;

@@ -121,7 +121,8 @@ static void test_values(void **state)
 	expect_out(run("-a", "0", "-m", "wls", "-j1", NULL), "0 3 7 wls 0 0 - - 1\n");
 }
 
-/* A list of words ends at the next option, at "--" or at the end; operands may stand anywhere else. */
+/* A list of words ends at the next option, at "--" or
+ * at the end; operands may stand anywhere else. */
 static void test_words(void **state)
 {
 	(void)state;

@@ -347,7 +347,8 @@ static void test_symmetry(void **state)
 		for (int x = 0; x < a.w; x++)
 			for (int c = 0; c < 3; c++)
 				worst = fmax(worst, fabs((double)*px(a.est[c], x, y) -
-						  (double)*px(b.est[other[c]], a.w - 1 - x, a.h - 1 - y)));
+							 (double)*px(b.est[other[c]], a.w - 1 - x,
+								     a.h - 1 - y)));
 	assert_true(worst < 1e-5);
 	release(&a);
 	release(&b);

@@ -227,7 +227,8 @@ static void test_bins_beside_a_whole(void **state)
 	assert_int_equal(r.bins, 8);
 	near(r.bin_ratio, 2, "bin_ratio");
 	near(value(&out, "R", 0, 0), (2 * 9 + 16 * 3.5) / 18, "R");
-	/* the odd bins of the second go into the odd ones, the even where there is room on their side */
+	/* the odd bins of the second go into the odd ones,
+	 * the even where there is room on their side */
 	near(value(&out, "bin0.R", 0, 0), (9 + 6) / 2.0, "bin0.R");
 	near(value(&out, "bin7.G", 0, 0), 7, "bin7.G");
 	/* nine parts of 2 samples */

@@ -363,7 +363,8 @@ static void threads_do_not_matter(void **unused)
 	threads_do_not_matter_with(some_pixels());
 }
 
-/* Exact pixels with one noisy one, bad ones here and there: all that is not noisy comes out as is. */
+/* Exact pixels with one noisy one, bad ones here and
+ * there: all that is not noisy comes out as is. */
 static void one_noisy_pixel(void **unused)
 {
 	struct frame f;

@@ -187,17 +187,21 @@ static void test_affinity_is_equation_7(void **unused)
 	for (int y = 0; y < 13; y += 3)
 		for (int x = 0; x < 17; x++)
 			for (int o = 0; o < GD_PAIR_OFFSETS; o++) {
-				const int i = x + gd_pair_offset[o][0], j = y + gd_pair_offset[o][1];
+				const int i = x + gd_pair_offset[o][0],
+					  j = y + gd_pair_offset[o][1];
 				double want, got, back;
 
 				if (i < 0 || i >= 17 || j >= 13)
 					continue;
 				want = direct(&im, x, y, i, j);
-				got = (double)gd_pairs_affinity(&looks[y * 17 + x], &looks[j * 17 + i]);
-				back = (double)gd_pairs_affinity(&looks[j * 17 + i], &looks[y * 17 + x]);
+				got = (double)gd_pairs_affinity(&looks[y * 17 + x],
+								&looks[j * 17 + i]);
+				back = (double)gd_pairs_affinity(&looks[j * 17 + i],
+								 &looks[y * 17 + x]);
 				assert_true(got == back);
 				if (!(fabs(got - want) <= 1e-5 * fabs(want) + 5e-3))
-					fail_msg("%d,%d to %d,%d: %g, expected %g", x, y, i, j, got, want);
+					fail_msg("%d,%d to %d,%d: %g, expected %g", x, y, i, j, got,
+						 want);
 			}
 	free(looks);
 	gd_image_free(&im);
@@ -232,7 +236,8 @@ static int root(const int *part, int i)
 static int smallest_part(const struct gd_pairs *p)
 {
 	const int n = p->w * p->h;
-	int *part = calloc((size_t)n, sizeof(int)), *size = calloc((size_t)n, sizeof(int)), least = n;
+	int *part = calloc((size_t)n, sizeof(int)), *size = calloc((size_t)n, sizeof(int)),
+	    least = n;
 
 	for (int i = 0; i < n; i++)
 		part[i] = i;
@@ -249,8 +254,8 @@ static int smallest_part(const struct gd_pairs *p)
 }
 
 /*
- * Edges that were left out: its ends are hardly alike, or one of them has its four, none of them less alike
- * (but for the few that keep parts together).
+ * Edges that were left out: its ends are hardly alike, or one of them has its
+ * four, none of them less alike (but for the few that keep parts together).
  */
 static void test_choice_is_stable(void **unused)
 {
@@ -272,9 +277,11 @@ static void test_choice_is_stable(void **unused)
 				const int end[2][2] = { { x, y }, { x + dx, y + dy } };
 				float worst[2], mine;
 
-				if (x + dx < 0 || x + dx >= W || y + dy >= H || joined(&p, x, y, dx, dy))
+				if (x + dx < 0 || x + dx >= W || y + dy >= H ||
+				    joined(&p, x, y, dx, dy))
 					continue;
-				mine = gd_pairs_affinity(&looks[y * W + x], &looks[(y + dy) * W + x + dx]);
+				mine = gd_pairs_affinity(&looks[y * W + x],
+							 &looks[(y + dy) * W + x + dx]);
 				if (mine < -199)
 					continue;
 				for (int e = 0; e < 2; e++) {
@@ -288,7 +295,8 @@ static void test_choice_is_stable(void **unused)
 									worst[e],
 									gd_pairs_affinity(
 										&looks[v * W + u],
-										&looks[(v + j) * W + u + i]));
+										&looks[(v + j) * W +
+										       u + i]));
 				}
 				/* the order has steps of 1 / 128 */
 				odd += fmaxf(worst[0], worst[1]) < mine * 1.01f - 0.01f;
@@ -300,7 +308,8 @@ static void test_choice_is_stable(void **unused)
 	gd_image_free(&im);
 }
 
-/* Continuous random looks: no ties but at affinities above 0.992, so the mirror image has the mirrored edges. */
+/* Continuous random looks: no ties but at affinities above
+ * 0.992, so the mirror image has the mirrored edges. */
 static void rough(double n[3], double albedo[3], double *z, double u, double v)
 {
 	(void)n;
@@ -343,7 +352,9 @@ static void test_mirrored(void **unused)
 	for (int y = 0; y < H; y++)
 		for (int x = 0; x < W; x++)
 			for (int c = 0; c < 3; c++) {
-				const char name[] = { 'a', 'l', 'b', 'e', 'd', 'o', '.', "RGB"[c], 0 };
+				const char name[] = {
+					'a', 'l', 'b', 'e', 'd', 'o', '.', "RGB"[c], 0
+				};
 
 				*at(&mirror, name, x, y) = *at(&im, name, W - 1 - x, y);
 			}
@@ -389,7 +400,8 @@ static void test_edge_is_not_crossed(void **unused)
 
 				if (!joined(&p, x, y, dx, dy))
 					continue;
-				if (*at(&im, "albedo.R", x, y) == *at(&im, "albedo.R", x + dx, y + dy))
+				if (*at(&im, "albedo.R", x, y) ==
+				    *at(&im, "albedo.R", x + dx, y + dy))
 					along++;
 				else
 					crossing++;
@@ -463,7 +475,8 @@ static void test_one_feature_is_enough(void **unused)
 	gd_pairs_free(&p);
 	gd_image_drop(&im, "Z");
 	assert_int_equal(gd_pairs_from_image(&p, &im, &err), GD_ESHAPE);
-	assert_string_equal(err.text, "no channel pair0.x, and no albedo, N or Z to choose pairs by");
+	assert_string_equal(err.text,
+			    "no channel pair0.x, and no albedo, N or Z to choose pairs by");
 	assert_false(gd_pairs_want(&im));
 	gd_pairs_free(&p);
 	gd_image_free(&im);
@@ -559,10 +572,12 @@ static void test_what_a_file_may_say(void **unused)
 	(void)unused;
 	pair_channels(&im, 2);
 	*at(&im, "pair1.x", 3, 2) = NAN;
-	refused(&im, GD_EFORMAT, "pair1.x is nan at pixel 3,2, expected a whole number from -2 to 2");
+	refused(&im, GD_EFORMAT,
+		"pair1.x is nan at pixel 3,2, expected a whole number from -2 to 2");
 	pair_channels(&im, 2);
 	*at(&im, "pair0.y", 3, 2) = 0.5f;
-	refused(&im, GD_EFORMAT, "pair0.y is 0.5 at pixel 3,2, expected a whole number from -2 to 2");
+	refused(&im, GD_EFORMAT,
+		"pair0.y is 0.5 at pixel 3,2, expected a whole number from -2 to 2");
 	pair_channels(&im, 2);
 	*at(&im, "pair0.y", 3, 2) = 3;
 	refused(&im, GD_EFORMAT, "pair0.y is 3 at pixel 3,2, expected a whole number from -2 to 2");
@@ -572,12 +587,14 @@ static void test_what_a_file_may_say(void **unused)
 	pair_channels(&im, 1);
 	*at(&im, "pair0.x", 7, 2) = -1;
 	refused(&im, GD_EFORMAT,
-		"pair0 is -1,0 at pixel 7,2: expected at the first of the two pixels in scan order, as 1,0");
+		"pair0 is -1,0 at pixel 7,2: expected at the first of the two pixels in scan "
+		"order, as 1,0");
 	pair_channels(&im, 1);
 	*at(&im, "pair0.x", 3, 2) = 1;
 	*at(&im, "pair0.y", 3, 2) = -1;
 	refused(&im, GD_EFORMAT,
-		"pair0 is 1,-1 at pixel 3,2: expected at the first of the two pixels in scan order, as -1,1");
+		"pair0 is 1,-1 at pixel 3,2: expected at the first of the two pixels in scan "
+		"order, as -1,1");
 	pair_channels(&im, 2);
 	*at(&im, "pair0.x", 3, 2) = *at(&im, "pair1.x", 3, 2) = 1;
 	refused(&im, GD_EFORMAT, "pair1 is 1,0 at pixel 3,2, as is pair0");

@@ -33,7 +33,8 @@ static void test_exact_gradients_give_the_truth(void **state)
 
 	(void)state;
 	for (int m = GD_L2; m <= GD_L1; m++) {
-		const struct gd_poisson_result r = paired_solve(&p, (enum gd_poisson_method)m, 0.2, 1e-6);
+		const struct gd_poisson_result r =
+			paired_solve(&p, (enum gd_poisson_method)m, 0.2, 1e-6);
 
 		assert_true(r.converged);
 		for (int c = 0; c < 3; c++)
@@ -42,7 +43,8 @@ static void test_exact_gradients_give_the_truth(void **state)
 	paired_free(&p);
 }
 
-/* A noisy colour, exact gradients and a small alpha: nearly the truth but for the mean of each part. */
+/* A noisy colour, exact gradients and a small alpha:
+ * nearly the truth but for the mean of each part. */
 static void test_gradients_outweigh_the_colour(void **state)
 {
 	struct paired p = paired_new(70, 50, 0, 0, 1);
@@ -74,7 +76,8 @@ static void test_pixels_in_no_pair_keep_their_colour(void **state)
 				lonely &= !p.pairs.dx[k][i] && !p.pairs.dy[k][i];
 			for (int j = 0; j < 40 * 30; j++)
 				for (int k = 0; k < GD_PAIRS; k++)
-					lonely &= j == i || j + p.pairs.dy[k][j] * 40 + p.pairs.dx[k][j] != i;
+					lonely &= j == i ||
+						  j + p.pairs.dy[k][j] * 40 + p.pairs.dx[k][j] != i;
 			alone += lonely;
 			for (int c = 0; c < 3 && lonely; c++)
 				assert_true(gd_row(p.out[c], i / 40)[i % 40] ==

@@ -93,7 +93,8 @@ static void test_floats_stay_below_one(void **state)
 	assert_true(fabs(sum / N - 0.5) < 6 * 0.2887 / 256);
 }
 
-/* Counts of a multinomial: they add up, each has mean 1, variance 1 - 1/B, and any B is served alike. */
+/* Counts of a multinomial: they add up, each has mean
+ * 1, variance 1 - 1/B, and any B is served alike. */
 static void test_draws_are_multinomial(void **state)
 {
 	static float count[64][4096];

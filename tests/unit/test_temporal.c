@@ -159,7 +159,8 @@ static void check_batch(bool paper)
 		step(&s);
 		assert_int_equal(s.result.changed, 0);
 		for (int k = 0; k <= t; k++)
-			weight[k] = pow(0.98, t - k) / (paper ? 1 : (double)(0.09f * (float)(1 + k % 3)));
+			weight[k] = pow(0.98, t - k) /
+				    (paper ? 1 : (double)(0.09f * (float)(1 + k % 3)));
 		for (int i = 0; i < W * H; i++) {
 			const double of_slope = paper ? 1e-3 : 1 / (SLOPE * SLOPE * prior[i]);
 			const double known[] = { (paper ? 1e-3 : 0) * pow(0.98, t),
@@ -207,7 +208,8 @@ static void test_variance(void **state)
 	/* 3600 samples: their variance is uncertain by 2.4 %. */
 	close_to(sum2 / (3 * W * H) / 0.01, want, 0.1 * want, "variance");
 	/* What it reckons with is 1 - l^2: that old frames are less sure, not only weigh less. */
-	close_to((double)gd_row(s.out.mse[0], 9)[9] / 0.01, 1 - l * l, 0.05 * (1 - l * l), "its error");
+	close_to((double)gd_row(s.out.mse[0], 9)[9] / 0.01, 1 - l * l, 0.05 * (1 - l * l),
+		 "its error");
 	free(s.block);
 }
 
@@ -346,7 +348,8 @@ static void test_pan(void **state)
 			step(&s);
 		}
 		for (int i = 0; i < 90 * 40; i++) {
-			const float n = gd_row(s.out.state.plane[GD_TEMPORAL_FRAMES], i / 90)[i % 90];
+			const float n =
+				gd_row(s.out.state.plane[GD_TEMPORAL_FRAMES], i / 90)[i % 90];
 
 			old += n == 3;
 			if (i % 90 < 90 - 2 * pan - 3)	/* seen in all frames */
@@ -375,7 +378,8 @@ static void test_uncovered(void **state)
 			}
 		step(&s);
 	}
-	assert_true(s.result.fresh >= 88 && s.result.fresh <= 100);	/* corners may be smoothed */
+	/* corners may be smoothed */
+	assert_true(s.result.fresh >= 88 && s.result.fresh <= 100);
 	close_to((double)gd_row(s.out.est[0], 9)[14], 9, 0, "uncovered");
 	close_to((double)gd_row(s.out.mse[0], 9)[14], 0.01, 1e-8, "its error");
 	close_to((double)gd_row(s.out.mse[0], 18)[29], 0.002, 0.001, "error elsewhere");
@@ -537,7 +541,8 @@ static void test_no_error(void **state)
 			const int x = i / 3 % 30, y = i / 90;
 
 			gd_row(s.in.y[i % 3], y)[x] = 1;
-			gd_row(s.in.position[i % 3], y)[x] = (float)(i % 3 == 0 ? x : i % 3 == 1 ? y : 9);
+			gd_row(s.in.position[i % 3], y)[x] =
+				(float)(i % 3 == 0 ? x : i % 3 == 1 ? y : 9);
 		}
 		add_noise(&s, 0.1);
 		step(&s);
