@@ -99,8 +99,9 @@ static void relative_errors(const struct job *j, double level)
 static bool make_u(const struct job *j)
 {
 	bool paper = j->conf->paper;
-	float a = (float)(paper ? -j->power : j->power);
-	float b = (float)(paper ? 1 : 1 / (1 + j->power));
+	double trust = j->conf->trust;
+	float a = (float)((paper ? -j->power : j->power) / trust);
+	float b = (float)(trust * (paper ? 1 : 1 / (1 + j->power)));
 	double most = 0;
 
 #pragma omp parallel for schedule(static)
@@ -347,7 +348,8 @@ static int round_all(const struct job *j, struct gd_plane map, struct gd_err *er
 static int check_range(const struct gd_sampling_conf *conf, struct gd_err *err)
 {
 	if (!(conf->floor >= 0 && conf->floor <= 1 && conf->blur_px >= 0 && conf->blur_px <= 10 &&
-	      conf->dark > 0 && conf->dimension >= 0 && conf->dimension <= 100))
+	      conf->dark > 0 && conf->dimension >= 0 && conf->dimension <= 100 &&
+	      conf->trust >= 0.01 && conf->trust <= 1))
 		return gd_fail(err, GD_EARG, "a setting of the map is out of its range");
 	if (!(conf->multiple >= 1 && conf->multiple <= GD_SAMPLING_MOST &&
 	      conf->multiple == floor(conf->multiple)))

@@ -10,7 +10,9 @@
  *	rho_i (1 + a_i / n_i)^-p,	p = 4 / (d + 4)		(Moon et al. 2014, 2015)
  * The a_i of the least sum, between the bounds lo and hi, are
  *	a_i = min(hi, max(lo, c u_i - n_i)),	u_i = (rho_i n_i^p)^(1 / (1 + p)),
- * with the one c that spends the total. lo is a share of the even map, so that regions whose error
+ * with the one c that spends the total. Estimates of the error scatter more than errors do, so what
+ * rho_i is to be expected, given its estimate, lies nearer to the others: the power `trust` of the
+ * estimate stands for rho_i in u_i (regression to the mean, of logarithms). lo is a share of the even map, so that regions whose error
  * was under-estimated do not starve. Source: the constrained minimum is ours; Moon et al. 2015,
  * section 5.2, have a_i = c rho_i n_i^-p without bounds, which paper asks for.
  *
@@ -38,16 +40,17 @@ struct gd_sampling_conf {
 	double blur_px;		/* standard deviation of the blur of rho, 0 .. 10 */
 	double dark;		/* of the mean luminance: errors below count as they are, > 0 */
 	double dimension;	/* d, 0 .. 100 */
+	double trust;		/* of differences between estimates, 0.01 (none) .. 1 */
 	uint64_t seed;
 	bool paper;		/* in proportion to rho n^-p; no bound on rho */
 };
 #define GD_SAMPLING_DEFAULTS ((struct gd_sampling_conf){ \
 	.max = GD_SAMPLING_MOST, .multiple = 1, .floor = 0.1, .blur_px = 1, .dark = 0.5, \
-	.dimension = 4, .seed = 1 })
+	.dimension = 4, .trust = 0.75, .seed = 1 })
 /* As published: 0.001 beside the squared colour of an image whose level is mid-grey, 0.18. */
 #define GD_SAMPLING_PAPER ((struct gd_sampling_conf){ \
 	.max = GD_SAMPLING_MOST, .multiple = 1, .floor = 0, .blur_px = 0, .dark = 0.18, \
-	.dimension = 4, .seed = 1, .paper = true })
+	.dimension = 4, .trust = 1, .seed = 1, .paper = true })
 
 /*
  * Planes of one size.

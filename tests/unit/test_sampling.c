@@ -139,6 +139,7 @@ static void sums_are_exact(void **unused)
 			conf.floor = i % 4 == 3 ? 0 : uniform(&seed);
 			conf.blur_px = i % 5 ? 1 : 0;
 			conf.dimension = 10 * uniform(&seed);
+			conf.trust = 1 - 0.9 * uniform(&seed);
 			conf.seed = (uint64_t)i;
 			conf.multiple = i % 2 ? 1 : floor(1 + 5 * uniform(&seed));
 			if (i % 3) {
@@ -266,6 +267,7 @@ static void no_map_is_better(void **unused)
 		conf.max = k == 1 ? 12 : GD_SAMPLING_MOST;
 		conf.floor = conf.blur_px = 0;
 		conf.dimension = 3.0 * k;
+		conf.trust = 1;
 		r = run(&f, &conf);
 		check_counts(&f, &conf);
 		/* 300 pixels: the brightest hundredth is 3 of them, next to nothing here */
@@ -280,6 +282,59 @@ static void no_map_is_better(void **unused)
 		assert_true(r.after < 0.9 * r.even && r.even < r.before);
 		drop(&f);
 	}
+}
+
+/* Errors and their estimates, both log-normal: what is left of the errors by estimates trusted so far. */
+static double left_by(const struct frame *f, const double *truth, double trust)
+{
+	struct gd_sampling_conf conf = GD_SAMPLING_DEFAULTS;
+	struct frame g = *f;
+	double sum = 0;
+
+	conf.total = 10.0 * f->w * f->h;
+	conf.floor = conf.blur_px = 0;
+	conf.trust = trust;
+	run(&g, &conf);
+	for (int i = 0; i < f->w * f->h; i++)
+		sum += truth[i] * pow(1 + (double)*at(f->map, i) / 2, -0.5);
+	return sum;
+}
+
+static double normal(uint64_t *seed)
+{
+	double sum = -6;
+
+	for (int i = 0; i < 12; i++)
+		sum += uniform(seed);
+	return sum;
+}
+
+static void estimates_are_trusted_in_part(void **unused)
+{
+	enum { SIDE = 120 };
+	struct frame f = make(SIDE, SIDE, 12);
+	double *truth = malloc(SIDE * SIDE * sizeof *truth), some, all, none;
+	uint64_t seed = 5;
+
+	(void)unused;
+	assert_non_null(truth);
+	fill(&f, f.in.colour, 0.5f);
+	for (int i = 0; i < SIDE * SIDE; i++) {
+		double log_error = 0.8 * normal(&seed), estimate = log_error + 0.5 * normal(&seed);
+
+		truth[i] = 1e-3 * exp(log_error);
+		*at(f.in.samples, i) = 2;
+		for (int c = 0; c < 3; c++)
+			*at(f.in.error[c], i) = (float)(1e-3 * exp(estimate));
+	}
+	/* given the estimate, the logarithm is 0.8^2 / (0.8^2 + 0.5^2) = 0.72 times as far off */
+	some = left_by(&f, truth, 0.72);
+	all = left_by(&f, truth, 1);
+	none = left_by(&f, truth, 0.01);
+	if (!(some < 0.995 * all && all < none))
+		fail_msg("left with trust 0.72: %g, 1: %g, none: %g", some, all, none);
+	free(truth);
+	drop(&f);
 }
 
 static void published_rule(void **unused)
@@ -558,6 +613,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(sums_are_exact),   cmocka_unit_test(huge_totals),
 		cmocka_unit_test(few_samples),	    cmocka_unit_test(no_map_is_better),
+		cmocka_unit_test(estimates_are_trusted_in_part),
 		cmocka_unit_test(published_rule),   cmocka_unit_test(floor_is_kept),
 		cmocka_unit_test(rounding_is_fair), cmocka_unit_test(exposure),
 		cmocka_unit_test(threads),	    cmocka_unit_test(nothing_to_go_by),
