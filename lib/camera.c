@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "jacobi.h"
+
 #define SAMPLES	48	/* per axis */
 #define ROUNDS	15	/* of weighing by how far off points are */
 #define SWEEPS	12	/* of rotations: quadratic convergence takes fewer than 10 */
@@ -66,31 +68,6 @@ static double median(double *v, int n)
 	return v[n / 2];
 }
 
-/* Turns axes p and q of the symmetric a (n x n), and columns of v, so that a[p][q] = 0. */
-static void rotate(double a[][N], double v[][N], int n, int p, int q)
-{
-	double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
-	double t = (theta >= 0 ? 1 : -1) / (fabs(theta) + sqrt(theta * theta + 1));
-	double c = 1 / sqrt(t * t + 1), s = t * c;
-
-	for (int k = 0; k < n; k++) {
-		double x = a[k][p], y = a[k][q];
-
-		a[k][p] = c * x - s * y;
-		a[k][q] = s * x + c * y;
-	}
-	for (int k = 0; k < n; k++) {
-		double x = a[p][k], y = a[q][k];
-
-		a[p][k] = c * x - s * y;
-		a[q][k] = s * x + c * y;
-		x = v[k][p];
-		y = v[k][q];
-		v[k][p] = c * x - s * y;
-		v[k][q] = s * x + c * y;
-	}
-}
-
 /* Eigenvectors of a, as columns of v, and eigenvalues, left on a's diagonal: Jacobi's rotations. */
 static void eigen(double a[][N], double v[][N], int n)
 {
@@ -105,7 +82,7 @@ static void eigen(double a[][N], double v[][N], int n)
 		for (int p = 0; p < n; p++)
 			for (int q = p + 1; q < n; q++)
 				if (fabs(a[p][q]) > 1e-18 * size)
-					rotate(a, v, n, p, q);
+					gd_jacobi_turn(N, a, v, n, p, q);
 }
 
 /* Centre and size of the points, by medians. Returns the size. */

@@ -14,21 +14,14 @@
 static int check_planes(const struct gd_plane *plane, int n, struct gd_plane like, const char *what,
 			struct gd_err *err)
 {
-	for (int i = 0; i < n; i++) {
-		if (!plane[i].v)
-			return gd_fail(err, GD_EARG, "lwr: %s plane %d is missing", what, i);
-		if (plane[i].w != like.w || plane[i].h != like.h)
-			return gd_fail(err, GD_ESHAPE, "lwr: %s plane %d is %dx%d, expected %dx%d",
-				       what, i, plane[i].w, plane[i].h, like.w, like.h);
-	}
-	return GD_OK;
+	return gd_planes_check("lwr", what, plane, n, like.w, like.h, false, err);
 }
 
 /* Of planes that may be left out. */
 static int check_optional(struct gd_plane plane, struct gd_plane like, const char *what,
 			  struct gd_err *err)
 {
-	return plane.v ? check_planes(&plane, 1, like, what, err) : GD_OK;
+	return gd_planes_check("lwr", what, &plane, 1, like.w, like.h, true, err);
 }
 
 static int check_conf(const struct gd_lwr_conf *c, struct gd_err *err)

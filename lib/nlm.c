@@ -582,15 +582,7 @@ static int filter(const struct run *r, const struct gd_report *report, struct gd
 static int check_planes(const char *what, const struct gd_plane *p, int n, int w, int h,
 			bool may_lack, struct gd_err *err)
 {
-	for (int c = 0; c < n; c++) {
-		if (!p[c].v && may_lack)
-			continue;
-		if (!p[c].v || p[c].w != w || p[c].h != h)
-			return gd_fail(err, GD_ESHAPE,
-				       "non-local means: %s plane %d is %dx%d, expected %dx%d",
-				       what, c, p[c].w, p[c].h, w, h);
-	}
-	return GD_OK;
+	return gd_planes_check("non-local means", what, p, n, w, h, may_lack, err);
 }
 
 static int check_frame(const struct gd_nlm_job *job, const struct gd_nlm_frame *f, int w, int h,

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "../lwr_impl.h"
+#include "jacobi.h"
 #include "kernel/lwr_batch.h"
 
 #define LANES GD_LWR_LANES
@@ -32,33 +33,6 @@ struct centre {
 	double factor[P][P], inverse[P];	/* of A + D I: lower triangle, 1 / diagonal */
 };
 
-/* Rotates rows and columns i and j of the symmetric matrix a so that a_ij vanishes. */
-static void rotate(double a[P][P], double v[P][P], int n, int i, int j)
-{
-	double theta = (a[j][j] - a[i][i]) / (2 * a[i][j]);
-	double t = (theta < 0 ? -1 : 1) / (fabs(theta) + sqrt(theta * theta + 1));
-	double c = 1 / sqrt(t * t + 1), s = t * c;
-
-	for (int k = 0; k < n; k++) {
-		double x = a[k][i], y = a[k][j];
-
-		a[k][i] = c * x - s * y;
-		a[k][j] = s * x + c * y;
-	}
-	for (int k = 0; k < n; k++) {
-		double x = a[i][k], y = a[j][k];
-
-		a[i][k] = c * x - s * y;
-		a[j][k] = s * x + c * y;
-	}
-	for (int k = 0; k < n; k++) {
-		double x = v[k][i], y = v[k][j];
-
-		v[k][i] = c * x - s * y;
-		v[k][j] = s * x + c * y;
-	}
-}
-
 /* Eigenvalues on the diagonal of a, eigenvectors in the columns of v, by Jacobi's method. */
 static void principal(double a[P][P], double v[P][P], int n)
 {
@@ -71,7 +45,7 @@ static void principal(double a[P][P], double v[P][P], int n)
 			for (int j = i + 1; j < n; j++) {
 				if (!(fabs(a[i][j]) > 1e-15 * sqrt(fabs(a[i][i] * a[j][j]))))
 					continue;
-				rotate(a, v, n, i, j);
+				gd_jacobi_turn(P, a, v, n, i, j);
 				turns++;
 			}
 	}

@@ -403,28 +403,36 @@ static void close_rows(REAL *v, size_t stride, int w)
 		v[i * stride - 1] = v[i * stride + (size_t)w] = v[i * stride + (size_t)w + 1] = 0;
 }
 
-static void restrict_red(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n,
-			 int y, void *work)
-{
-	const size_t stride = fine->stride;
-	REAL *up = (REAL *)work + 16, *mid = up + stride, *low = mid + stride;
+typedef void residual_of(REAL *restrict out, const struct gd_mg_level *l, int c, int y);
 
-	close_rows(up, stride, fine->w);
+static inline __attribute__((always_inline)) void
+restrict_by(residual_of *residual_row, const struct gd_mg_level *fine,
+	    const struct gd_mg_level *coarse, int n, int y, REAL *up, int red)
+{
+	REAL *mid = up + fine->stride, *low = mid + fine->stride;
+
+	close_rows(up, fine->stride, fine->w);
 	for (int c = 0; c < n; c++) {
 		if (y > 0)
-			residual5(up, fine, c, 2 * y - 1);
+			residual_row(up, fine, c, 2 * y - 1);
 		else
 			for (int x = 0; x < fine->w; x++)
 				up[x] = 0;
-		residual5(mid, fine, c, 2 * y);
+		residual_row(mid, fine, c, 2 * y);
 		if (2 * y + 1 < fine->h)
-			residual5(low, fine, c, 2 * y + 1);
+			residual_row(low, fine, c, 2 * y + 1);
 		else
 			for (int x = 0; x < fine->w; x++)
 				low[x] = 0;
 		gather((REAL *)coarse->r + c * coarse->plane + (size_t)y * coarse->stride, up, mid,
-		       low, coarse, y, 1);
+		       low, coarse, y, red);
 	}
+}
+
+static void restrict_red(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n,
+			 int y, void *work)
+{
+	restrict_by(residual5, fine, coarse, n, y, (REAL *)work + 16, 1);
 }
 
 /* Red points only; black ones get any value, they are relaxed next without looking at it. */
@@ -524,25 +532,7 @@ static void residual9(REAL *restrict o, const struct gd_mg_level *l, int c, int 
 static void restrict_full(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n,
 			  int y, void *work)
 {
-	const size_t stride = fine->stride;
-	REAL *up = (REAL *)work + 16, *mid = up + stride, *low = mid + stride;
-
-	close_rows(up, stride, fine->w);
-	for (int c = 0; c < n; c++) {
-		if (y > 0)
-			residual9(up, fine, c, 2 * y - 1);
-		else
-			for (int x = 0; x < fine->w; x++)
-				up[x] = 0;
-		residual9(mid, fine, c, 2 * y);
-		if (2 * y + 1 < fine->h)
-			residual9(low, fine, c, 2 * y + 1);
-		else
-			for (int x = 0; x < fine->w; x++)
-				low[x] = 0;
-		gather((REAL *)coarse->r + c * coarse->plane + (size_t)y * coarse->stride, up, mid,
-		       low, coarse, y, 0);
-	}
+	restrict_by(residual9, fine, coarse, n, y, (REAL *)work + 16, 0);
 }
 
 static void prolong(const struct gd_mg_level *fine, const struct gd_mg_level *coarse, int n, int y)

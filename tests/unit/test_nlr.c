@@ -479,7 +479,7 @@ static void test_refusals(void **unused)
 	refused(&f, GD_ESHAPE, "feature plane 1");
 	f.in.feat[1].w = 8;
 	f.in.guide[2].v = NULL;
-	refused(&f, GD_ESHAPE, "guide plane 2");
+	refused(&f, GD_EARG, "guide plane 2 is missing");
 	f.in.guide[2] = f.plane[2];
 	f.in.nfeat = GD_NLR_FEATURES + 1;
 	refused(&f, GD_EARG, "17 features");
