@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "crossfit.h"
 
+#include "apr_prep.h"
+#include "gate.h"
 #include "gather.h"
 #include "halves.h"
 #include "pilot.h"
@@ -52,14 +54,22 @@ static const struct stage without_feature[] = {
 
 /*
  * Work space. The pilot is of the half that is not being fitted; fit holds its variances while it
- * is made, weight is the blurs' spare plane then.
+ * is made, weight is the blurs' spare plane then. Of a gate, alone holds either half's models
+ * without pilots, and leverage adds up what pilots have more.
  */
 struct work {
 	struct gd_plane pilot[3], sum[GD_APR_RHS], fit[GD_APR_RHS], weight;
+	struct gd_plane alone[2][GD_APR_RHS];
 	struct gd_pilot_features scaled;
+	double leverage;
 };
 
 /* ---- the regressions ---- */
+
+static bool gated(const struct gd_crossfit_in *in, const struct gd_crossfit_conf *conf)
+{
+	return in->nfeature && !in->self && !conf->fast;
+}
 
 static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half,
 		     const struct model *m, const struct gd_report *report, struct gd_err *err)
@@ -76,6 +86,8 @@ static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half,
 	for (int c = 0; c < 3 && m->pilot; c++)
 		if (!gd_halves_constant(w->pilot[c]))
 			feat[apr.nfeat++] = w->pilot[c];
+	if (m->pilot)	/* a Gaussian of deviation R/2 sums as many pixels as it weighs alike */
+		w->leverage += (apr.nfeat - in->nfeat) / (M_PI * m->radius * m->radius);
 	for (int c = 0; c < in->nfeature && m->feature; c++)
 		feat[apr.nfeat++] = in->feature[gd_halves_other(in, half)][c];
 	conf.ridge = RIDGE;
@@ -86,13 +98,16 @@ static int fit_model(struct work *w, const struct gd_crossfit_in *in, int half,
 	return gd_apr_fit(&out, &apr, &conf, report, err);
 }
 
-/* Where a half's models go, as gd_halves_add() has them; done: models in them already. */
+/*
+ * Where a half's models go, as gd_halves_add() has them; done: models in them already. Of a gate,
+ * mean[1] holds those without a pilot; else all are in mean[0].
+ */
 struct half {
-	const struct gd_plane *mean, *square;
-	int half, done;
+	const struct gd_plane *mean[2], *square;
+	int half, done[2];
 };
 
-static int fit_half(const struct half *to, struct work *w, const struct gd_crossfit_in *in,
+static int fit_half(struct half *to, struct work *w, const struct gd_crossfit_in *in,
 		    const struct model *model, int n, const struct gd_report *report,
 		    struct gd_err *err)
 {
@@ -101,12 +116,14 @@ static int fit_half(const struct half *to, struct work *w, const struct gd_cross
 	if (rc == GD_OK)
 		gd_halves_weigh_count(w->weight, in, to->half);
 	for (int i = 0; i < n && rc == GD_OK; i++) {
-		bool first = to->done + i + to->half == 0;	/* says once what holds for all */
+		const int kind = w->alone[0][0].v && !model[i].pilot;
+		/* says once what holds for all */
+		const bool first = to->done[0] + to->done[1] + to->half == 0;
 
 		rc = fit_model(w, in, to->half, &model[i], first ? report : NULL, err);
 		if (rc == GD_OK)
-			gd_halves_add(to->mean, to->square, w->fit, gd_halves_nest(in),
-				      to->done + i + 1);
+			gd_halves_add(to->mean[kind], to->square, w->fit, gd_halves_nest(in),
+				      ++to->done[kind]);
 	}
 	return rc;
 }
@@ -119,12 +136,15 @@ static int run_stage(const struct gd_crossfit_out *out, struct work *w,
 	int rc = GD_OK;
 
 	for (int half = 0; half < gd_halves_count(in) && rc == GD_OK; half++) {
-		struct half to = { half ? w->sum : out->est, out->mse, half, result->models };
+		struct half to = { { half ? w->sum : out->est, w->alone[half] }, out->mse, half,
+				   { result->models } };
 		double start = gd_seconds(), pilot;
 
 		rc = gd_pilot_make(w->pilot, in, gd_halves_other(in, half), &w->scaled,
 				   n > 1 ? &stage->pilot : &stage->alone, w->fit, w->weight, err);
 		pilot = gd_seconds();
+		if (w->alone[0][0].v)	/* a stage has as many models of either kind */
+			to.done[0] = to.done[1] = result->models / 2;
 		if (rc == GD_OK)
 			rc = fit_half(&to, w, in, stage->model, n, report, err);
 		result->pilot_seconds += pilot - start;
@@ -153,6 +173,28 @@ static int run_stages(const struct gd_crossfit_out *out, struct work *w,
 	return rc;
 }
 
+/* Takes of the models without a pilot, for both halves alike, what the samples speak for. */
+static int run_gate(const struct gd_crossfit_out *out, struct work *w,
+		    const struct gd_crossfit_in *in, const struct gd_crossfit_result *result,
+		    const struct gd_report *report, struct gd_err *err)
+{
+	const struct gd_gate gate = {
+		.in = in, .a = { w->alone[0], w->alone[1] }, .b = { out->est, w->sum },
+		.leverage = w->leverage / result->models * gd_apr_correlation(in->y[0], in->y[1])
+	};
+	double mean;
+	int rc = gd_gate_map(w->weight, &mean, &gate, w->pilot, err);
+
+	if (rc != GD_OK)
+		return rc;
+	gd_note(report, "%.0f %% by models that lean on the gradients' feature without a pilot",
+		100 * mean);
+	for (int half = 0; half < 2; half++)
+		gd_gate_mix(gate.b[half], gate.a[half], gd_halves_nest(in), w->weight, out->mse,
+			    result->models);
+	return GD_OK;
+}
+
 /* What is made of the models of all halves. */
 static int finish(const struct gd_crossfit_out *out, struct work *w,
 		  const struct gd_crossfit_in *in, struct gd_crossfit_result *result,
@@ -165,7 +207,8 @@ static int finish(const struct gd_crossfit_out *out, struct work *w,
 				err);
 }
 
-static int new_work(struct work *w, const struct gd_crossfit_in *in, struct gd_err *err)
+static int new_work(struct work *w, const struct gd_crossfit_in *in, bool with_gate,
+		    struct gd_err *err)
 {
 	struct gd_plane like = in->y[0][0];
 	int n = gd_halves_nest(in), rc = gd_halves_planes(&w->weight, 1, like, err);
@@ -176,6 +219,8 @@ static int new_work(struct work *w, const struct gd_crossfit_in *in, struct gd_e
 		rc = gd_halves_planes(w->sum, n, like, err);
 	if (rc == GD_OK)
 		rc = gd_halves_planes(w->fit, n, like, err);
+	for (int half = 0; half < 2 && with_gate && rc == GD_OK; half++)
+		rc = gd_halves_planes(w->alone[half], n, like, err);
 	return rc;
 }
 
@@ -184,19 +229,26 @@ static int run(const struct gd_crossfit_out *out, const struct gd_crossfit_in *i
 	       const struct gd_report *report, struct gd_err *err)
 {
 	struct work w = { 0 };
-	int rc = new_work(&w, in, err);
+	const bool with_gate = gated(in, conf);
+	int rc = new_work(&w, in, with_gate, err);
 
 	if (rc == GD_OK) {
 		gd_halves_clear(out->est, gd_halves_nest(in));
 		gd_halves_clear(w.sum, in->self ? 0 : gd_halves_nest(in));
+		for (int half = 0; half < 2; half++)
+			gd_halves_clear(w.alone[half], with_gate ? gd_halves_nest(in) : 0);
 		gd_halves_clear(out->mse, 3);
 		rc = run_stages(out, &w, in, conf, result, report, err);
 	}
+	if (rc == GD_OK && with_gate)
+		rc = run_gate(out, &w, in, result, report, err);
 	if (rc == GD_OK)
 		rc = finish(out, &w, in, result, err);
 	gd_halves_free(w.pilot, 3);
 	gd_halves_free(&w.weight, 1);
 	gd_halves_free(w.sum, GD_APR_RHS);
+	gd_halves_free(w.alone[0], GD_APR_RHS);
+	gd_halves_free(w.alone[1], GD_APR_RHS);
 	gd_halves_free(w.fit, GD_APR_RHS);
 	return rc;
 }

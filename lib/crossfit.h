@@ -7,7 +7,9 @@
  * with a narrow pilot (7x7 windows, patches of 3x3) and a wide one (13x13, 5x5) and windows of
  * several sizes, and all fits of both halves are averaged. As the regressors do not know the noise
  * of what they explain, a fit cannot reproduce it, and slopes shrink by themselves where pilot or
- * feature are poor. The pixels of a fit weigh
+ * feature are poor. With a feature half of the models do without the pilot; what they count, half
+ * of the mean or more or less, the samples decide from place to place (gate.h). The pixels of a fit
+ * weigh
  *	1 / (l^2 + (level / 10)^2),	l = luminance of the pilot of the other half,
  * so that relative errors count and the brightest pixel of a window does not rule it; as l does
  * not know the noise either, this does not darken the image. What the misfit of a linear model
@@ -96,9 +98,9 @@ struct gd_crossfit_result {
 };
 
 /*
- * Needs 40 bytes a pixel beside its input and output, and 8 for each plane beyond the third; while
- * it makes a pilot, what gd_nlr_run() takes; with other frames 8 more, and 80 while those are taken
- * in.
+ * Needs 40 bytes a pixel beside its input and output, and 8 for each plane beyond the third; with a
+ * feature 8 more for each plane; while it makes a pilot, what gd_nlr_run() takes; with other frames
+ * 8 more, and 80 while those are taken in.
  * Returns GD_OK, GD_EARG, GD_ESHAPE, GD_ENOMEM. The result does not depend on the number of
  * threads; with the halves swapped it is the same to rounding.
  */
