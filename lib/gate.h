@@ -8,7 +8,7 @@
  * that only b has. With d = a_h - b_h the mixture b + s d that errs least has
  *	s = sum u (d (y_h - b_h) + leverage v_h) / sum u d^2,
  *	u = samples / (l^2 + (level / 10)^2),	l = luminance of the estimates of the other half,
- * over the neighbourhood (a Gaussian of 6 pixels), both halves and the channels; v_h is the
+ * over the neighbourhood (a Gaussian of 5 pixels), both halves and the channels; v_h is the
  * variance of y_h, the share of the other half times the squared difference of the halves. Without
  * the last term s would be too small: b follows the noise by as much more. (That is Mallows' C_p,
  * for a mixture.) A neighbourhood that tells little follows the image.

@@ -94,7 +94,7 @@ static void test_each_side_its_own(void **state)
 	below(0.85, mean_of(p.share, 0, 48));
 	below(mean_of(p.share, 80, W), 0.15);
 	below(fabs(p.mean - mean_of(p.share, 0, W)), 1e-6);
-	for (int y = 0; y < H; y++)	/* no seams: noise and border of a Gaussian of 6 pixels */
+	for (int y = 0; y < H; y++)	/* no seams: noise and border of a Gaussian of 5 pixels */
 		for (int x = 1; x < W; x++)
 			below(fabs((double)gd_row(p.share, y)[x] -
 				   (double)gd_row(p.share, y)[x - 1]), 0.12);
