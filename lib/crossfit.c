@@ -178,6 +178,7 @@ static int run_gate(const struct gd_crossfit_out *out, struct work *w,
 		    const struct gd_crossfit_in *in, const struct gd_crossfit_result *result,
 		    const struct gd_report *report, struct gd_err *err)
 {
+	/* both halves together have as many fits with a pilot as either has models */
 	const struct gd_gate gate = {
 		.in = in, .a = { w->alone[0], w->alone[1] }, .b = { out->est, w->sum },
 		.leverage = w->leverage / result->models * gd_apr_correlation(in->y[0], in->y[1])
