@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "alpha.h"
 #include "buffers.h"
 #include "cli.h"
 #include "pairsolve.h"
@@ -17,8 +18,9 @@ struct job {
 	struct gd_pairs edges;
 	struct gd_pairsolve_in paired;
 	struct gd_poisson_result result;
-	const char *method, *layer;
-	bool pairs, keep;
+	struct gd_alpha alpha;
+	const char *method, *layer, *weight;
+	bool pairs, keep, seek;		/* seek: l2 with the weight that suits the noise */
 };
 
 static int choose_method(struct job *job, struct gd_err *err)
@@ -31,6 +33,21 @@ static int choose_method(struct job *job, struct gd_err *err)
 			return GD_OK;
 		}
 	return gd_fail(err, GD_EARG, "--method \"%s\": expected ols, wls, l2 or l1", job->method);
+}
+
+/* A number, or else "auto". */
+static int choose_alpha(struct job *job, struct gd_err *err)
+{
+	const bool any = !strcmp(job->weight, "auto");
+	char *end;
+
+	job->seek = any && job->conf.method == GD_L2;
+	job->alpha.value = job->conf.alpha = any ? GD_ALPHA_PUBLISHED : strtod(job->weight, &end);
+	if (!any && (end == job->weight || *end ||
+		     !(job->conf.alpha >= 1e-3 && job->conf.alpha <= 1e3)))
+		return gd_fail(err, GD_EARG, "--alpha %s: expected 0.001 to 1000, or auto",
+			       job->weight);
+	return GD_OK;
 }
 
 /*
@@ -117,6 +134,16 @@ static int choose_channels(struct job *job, struct gd_err *err)
 	return GD_OK;
 }
 
+static int settle_alpha(struct job *job, struct gd_err *err)
+{
+	int rc = gd_alpha_of_image(&job->alpha, &job->im, job->pairs ? &job->edges : NULL,
+				   job->conf.tolerance, &job->cli.report, err);
+
+	if (rc == GD_OK)
+		job->conf.alpha = job->alpha.value;
+	return rc;
+}
+
 static int collect(struct job *job, struct gd_err *err)
 {
 	struct gd_plane dx[GD_LAYER_PLANES], dy[GD_LAYER_PLANES], y[GD_LAYER_PLANES];
@@ -201,13 +228,21 @@ static int solve(struct job *job, struct gd_err *err)
 	return rc;
 }
 
-/* What was read only to be used up does not leave. */
+/* What was loaded only to be used up does not leave. */
 static bool used(const char *name, void *user)
 {
-	const bool pair = !strncmp(name, "pair", 4) && strcspn(name, ".") == 5;
+	static const char *const family[] = { "pair", "bin", "half" };
 
 	(void)user;
-	return pair || !strncmp(name, "dx.", 3) || !strncmp(name, "dy.", 3);
+	for (int i = 0; i < 3; i++) {
+		const size_t n = strlen(family[i]);
+
+		if (!strncmp(name, family[i], n) && name[n + strspn(name + n, "0123456789")] == '.')
+			return true;
+	}
+	if (!strncmp(name, "variance.", 9) && strchr("RGBXYZ", name[9]) && !name[10])
+		return true;
+	return !strncmp(name, "dx.", 3) || !strncmp(name, "dy.", 3);
 }
 
 static int run(struct job *job, struct gd_err *err)
@@ -216,21 +251,31 @@ static int run(struct job *job, struct gd_err *err)
 	int rc = choose_method(job, err);
 
 	if (rc == GD_OK)
+		rc = choose_alpha(job, err);
+	if (rc == GD_OK)
 		rc = gd_cli_open(&job->cli, &file, &job->im, job->cli.input, err);
 	if (rc == GD_OK)
 		rc = choose_channels(job, err);
+	if (rc == GD_OK && job->seek)
+		gd_alpha_want(&job->im, job->pairs);
 	if (rc == GD_OK)
 		rc = gd_cli_load(&job->cli, file, &job->im, err);
 	else
 		gd_exr_close(file);
 	if (rc == GD_OK)
 		rc = job->pairs ? collect_pairs(job, err) : collect(job, err);
+	if (rc == GD_OK && job->seek)
+		rc = settle_alpha(job, err);
 	if (rc == GD_OK)
 		rc = solve(job, err);
 	if (rc != GD_OK)
 		return rc;
 	if (!job->keep && !*job->layer)
 		gd_image_drop_if(&job->im, used, NULL);
+	if (job->conf.method == GD_L2 || job->conf.method == GD_L1)
+		gd_cli_stat(&job->cli, "alpha", job->conf.alpha);
+	if (job->seek)
+		gd_cli_stat_text(&job->cli, "alpha_from", gd_alpha_source_name(job->alpha.source));
 	gd_cli_stat(&job->cli, "iterations", job->result.iterations);
 	gd_cli_stat(&job->cli, "residual", job->result.residual);
 	gd_cli_stat(&job->cli, "parts", job->result.parts);
@@ -247,12 +292,13 @@ static int run(struct job *job, struct gd_err *err)
 
 int main(int argc, char **argv)
 {
-	struct job job = { .conf = GD_POISSON_DEFAULTS, .method = "l1", .layer = "" };
+	struct job job = { .conf = GD_POISSON_DEFAULTS, .method = "l1", .layer = "", .weight = "auto" };
 	struct gd_poisson_conf *conf = &job.conf;
 	const struct gd_opt opts[] = {
 		GD_OPT('m', "method", "METHOD", &job.method, "ols, wls, l2 or l1"),
-		GD_NUM('a', "alpha", "WEIGHT", &conf->alpha, 1e-3, 1e3,
-		       "weight of the colour against the gradients in l2 and l1"),
+		GD_OPT('a', "alpha", "WEIGHT", &job.weight,
+		       "weight of the colour against the gradients in l2 and l1, 0.001 to 1000; "
+		       "auto: 0.2, and in l2 what suits the noise"),
 		GD_NUM(0, "tolerance", "RESIDUAL", &conf->tolerance, 1e-12, 1,
 		       "relative residual to reach"),
 		GD_NUM(0, "iterations", "N", &conf->max_iterations, 1, 1e6,

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "half.h"
 #include "turn.h"
 
 #define MAX_RATIO	2048	/* more than any codec packs into a byte; deflate: 1032 */
@@ -42,24 +43,6 @@ static size_t type_bytes(enum gd_type type)
 	return type == GD_HALF ? 2 : 4;
 }
 
-/*
- * Half to float, exact: the exponent is rebased by a multiplication, which takes denormals along.
- */
-static float half_float(uint16_t h)
-{
-	uint32_t m = (uint32_t)(h & 0x7fff) << 13;
-	float f;
-
-	memcpy(&f, &m, sizeof(f));
-	f *= 0x1p112f;
-	memcpy(&m, &f, sizeof(m));
-	if ((h & 0x7c00) == 0x7c00)
-		m |= 0x7f800000;
-	m |= (uint32_t)(h & 0x8000) << 16;
-	memcpy(&f, &m, sizeof(f));
-	return f;
-}
-
 static void row_float(float *restrict out, const unsigned char *restrict in, enum gd_type type,
 		      int n)
 {
@@ -74,7 +57,7 @@ static void row_float(float *restrict out, const unsigned char *restrict in, enu
 #pragma omp simd private(h)
 		for (int x = 0; x < n; x++) {
 			memcpy(&h, in + 2 * x, sizeof(h));
-			out[x] = half_float(h);
+			out[x] = gd_half_float(h);
 		}
 		break;
 	case GD_UINT:

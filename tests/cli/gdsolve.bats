@@ -8,6 +8,7 @@ setup() {
 	data=$(realpath "${GD_TESTDATA:-$top/testdata}")
 	support=$(realpath "$top/tests/support")
 	val=$support/exrval.pl
+	size=(16 8)
 	cd "$BATS_TEST_TMPDIR"
 }
 
@@ -19,7 +20,7 @@ input() {
 		args+=("$c=$f+0.1*noise()" "dx.$c=\$x==\$w-1?0:1/8" "dy.$c=\$y==3?1:0")
 		args+=("dx.variance.$c=1e-4" "dy.variance.$c=1e-4" "truth.$c=$f")
 	done
-	"$support/mkexr.pl" "$out" 16 8 "${args[@]}" "$@"
+	"$support/mkexr.pl" "$out" "${size[@]}" "${args[@]}" "$@"
 }
 
 solve() { "$bin/gdsolve" --compression none "$@"; }
@@ -60,6 +61,75 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !(d <= t && 
 	input in.exr
 	solve -m l2 -a 1000 in.exr out.exr
 	near "$("$val" out.exr R 9 4)" "$("$val" in.exr R 9 4)" 1e-4
+}
+
+# Bins with independent noise: 0.1 in the colour's mean, 0.05 in that of gradients.
+binned() {
+	local out=$1 f='$x/8+($y>3?1:0)' args=() c b
+	shift
+	for c in R G B; do
+		for b in 0 1; do
+			args+=("bin$b.$c=$f+0.2*noise()" "bin$b.dx.$c=(\$x==\$w-1?0:1/8)+0.1*noise()"
+				"bin$b.dy.$c=(\$y==3?1:0)+0.1*noise()")
+		done
+	done
+	input "$out" "${args[@]}" "$@"
+}
+
+alpha() { sed -E 's/.*"alpha": ([0-9.]+).*/\1/' "$1"; }
+
+@test "--alpha auto: l2 takes the weight that suits the noise, and says so" {
+	size=(64 48)
+	binned in.exr
+	run --separate-stderr solve -v -m l2 --stats s.json in.exr auto.exr
+	[ "$status" -eq 0 ]
+	a=$(alpha s.json)
+	near "$a" 0.5 0.12
+	grep -q '"alpha_from": "halves"' s.json
+	[[ "$stderr" == *"gdsolve: alpha $a, from the difference of two halves of the samples"* ]]
+	[ "$(channels auto.exr | tr '\n' ' ')" = "B G R truth.B truth.G truth.R " ]
+	solve -m l2 -a "$a" --stats given.json in.exr given.exr
+	[ "$(alpha given.json)" = "$a" ]
+	! grep -q alpha_from given.json || false
+	for x in 0 7 15; do
+		[ "$("$val" auto.exr R $x 5)" = "$("$val" given.exr R $x 5)" ]
+	done
+}
+
+@test "--alpha auto: variances where there are no bins, 0.2 where nothing tells, and in l1" {
+	input in.exr variance.{R,G,B}=4e-4
+	solve -m l2 --stats s.json in.exr out.exr
+	near "$(alpha s.json)" 0.35 0.002
+	grep -q '"alpha_from": "variances"' s.json
+	[ "$(channels out.exr | tr '\n' ' ')" = "B G R truth.B truth.G truth.R " ]
+	solve -m l1 --stats s.json in.exr out.exr
+	[ "$(alpha s.json)" = 0.2 ]
+	input plain.exr
+	solve -m l2 --stats s.json plain.exr out.exr
+	[ "$(alpha s.json)" = 0.2 ]
+	grep -q '"alpha_from": "published"' s.json
+	solve -m ols --stats s.json plain.exr out.exr
+	! grep -q alpha s.json || false
+}
+
+@test "--alpha auto leaves bins as they were" {
+	binned in.exr
+	solve -m l2 --keep in.exr keep.exr
+	solve -m l2 -l clean in.exr layer.exr
+	for f in keep layer; do
+		[ "$("$val" $f.exr | grep bin)" = "$("$val" in.exr | grep bin)" ]
+		[ "$("$val" $f.exr bin1.dy.G 5 3)" = "$("$val" in.exr bin1.dy.G 5 3)" ]
+	done
+}
+
+@test "--alpha: what is neither a weight nor auto is refused" {
+	input in.exr
+	for a in 0 1e-4 1001 nan 0.2x "" all; do
+		run --separate-stderr "$bin/gdsolve" -a "$a" in.exr out.exr
+		[ "$status" -eq 2 ]
+		[ "$stderr" = "gdsolve: --alpha $a: expected 0.001 to 1000, or auto" ]
+		[ ! -e out.exr ]
+	done
 }
 
 @test "--stats tells what was reached" {
@@ -116,7 +186,7 @@ near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN { d = a - b; exit !(d <= t && 
 @test "threads do not change a byte" {
 	[ -f "$data/kitchen/gpt16.exr" ] || skip "no kitchen"
 	export SOURCE_DATE_EPOCH=0
-	for m in wls l1; do
+	for m in wls l2 l1; do
 		for j in 1 2 7; do
 			OMP_NUM_THREADS=$j "$bin/gdsolve" -m "$m" "$data/kitchen/gpt16.exr" - > "out$j.exr"
 		done
@@ -142,8 +212,8 @@ paired() {
 		args+=("$c=$f+0.1*noise()" "pair0.$c=2/8" "pair1.$c=(\$y==3?1:0)-1/8")
 		args+=("pair0.variance.$c=1" "truth.$c=$f")
 	done
-	"$support/mkexr.pl" "$out" 16 8 "${args[@]}" 'pair0.x=$x<$w-2?2:0' pair0.y=0 \
-		'pair1.x=$x>0&&$y<7?-1:0' 'pair1.y=$x>0&&$y<7?1:0' "$@"
+	"$support/mkexr.pl" "$out" "${size[@]}" "${args[@]}" 'pair0.x=$x<$w-2?2:0' pair0.y=0 \
+		'pair1.x=$x>0&&$y<$h-1?-1:0' 'pair1.y=$x>0&&$y<$h-1?1:0' "$@"
 }
 
 @test "--pairs: the differences of any two pixels" {
@@ -170,6 +240,22 @@ paired() {
 	near "$("$val" out.exr R 0 0)" "$("$val" out.exr R 15 7)" 1e-2
 	solve --pairs -m l2 -a 0.001 in.exr out.exr
 	near "$("$val" out.exr R 15 7)" "$(awk -v a="$("$val" out.exr R 0 0)" 'BEGIN { print a + 15 / 8 + 1 }')" 0.01
+	[ "$(channels out.exr | tr '\n' ' ')" = "B G R truth.B truth.G truth.R " ]
+}
+
+@test "--pairs: the weight that suits the noise" {
+	local args=() c b
+	size=(64 48)
+	for c in R G B; do
+		for b in 0 1; do
+			args+=("bin$b.$c=\$x/8+(\$y>3?1:0)+0.2*noise()" "bin$b.pair0.$c=2/8+0.1*noise()"
+				"bin$b.pair1.$c=(\$y==3?1:0)-1/8+0.1*noise()")
+		done
+	done
+	paired in.exr "${args[@]}"
+	solve --pairs -m l2 --stats s.json in.exr out.exr
+	near "$(alpha s.json)" 0.5 0.15
+	grep -q '"alpha_from": "halves"' s.json
 	[ "$(channels out.exr | tr '\n' ' ')" = "B G R truth.B truth.G truth.R " ]
 }
 
