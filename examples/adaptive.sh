@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Renders a scene in passes, each where the one before says that samples help, and denoises it.
 #	adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
-# Passes cost as much as so many plain samples a pixel; one that traces gradients costs two to three, which is
-# measured. The first pass is even and traces gradients with every sample. Then, until all passes are done:
+# Passes cost as much as so many plain samples a pixel; a third of their samples trace gradients, which costs
+# more. The first pass is even. Then, until all passes are done:
 #	gdmerge pass*.exr | gdfeature | gdapr		what all samples say so far, and its error
-#	gdsample --gradients				where the next ones go, and which trace gradients
+#	gdsample					where the next ones go
 #	gdrender --sampling --gradients			the next pass, of another seed
-# Where gradients turn out to gain less than 5 %, later passes do without them, and so does the result.
+# With -g auto the first pass traces gradients with every sample, and gdsample --gradients says from it which
+# samples of the next ones should; where they turn out to gain less than 5 %, later passes do without them, and
+# so does the result.
 set -euo pipefail
 export OMP_WAIT_POLICY=${OMP_WAIT_POLICY:-passive}
 
@@ -16,12 +18,12 @@ usage() {
 usage: adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
   -n SPP      what each pass costs, in plain samples a pixel (32)
   -p PASSES   passes in all, 1 to 99 (3)
-  -g WHAT     gradients: where they pay (auto), with every sample (all), or never (none)
+  -g WHAT     gradients: with this share of the samples (0.35), all, none, or where a trial says (auto)
   -u          uniform: every pass is even
   -f SPP      the same of the first pass (a third); 4 samples at least where -g is auto
   -d TOOL     denoiser of the result: gdapr or gdlwr (gdapr)
   -b BINS     bins of a pass, 4 to 64 (8)
-  -c COST     of a sample with gradients, in plain ones (measured, by two plain samples a pixel)
+  -c COST     of a sample with gradients, in plain ones (2.2)
   -s SEED     of the first pass; each pass adds one (1)
   -k DIR      keep passes, maps and figures in DIR, and take passes that are there already
   -q          no progress
@@ -31,7 +33,7 @@ END
 
 fail() { echo "adaptive.sh: $*" >&2; exit 2; }
 
-spp=32 passes=3 gradients=auto uniform="" first="" denoiser=gdapr bins=8 cost="" seed=1 keep="" quiet=""
+spp=32 passes=3 gradients=0.35 uniform="" first="" denoiser=gdapr bins=8 cost=2.2 seed=1 keep="" quiet=""
 while getopts n:p:g:uf:d:b:c:s:k:qh o; do
 	case $o in
 	n) spp=$OPTARG ;;
@@ -57,7 +59,15 @@ shift 2
 more=("$@")
 [[ $passes =~ ^[1-9][0-9]?$ ]] || fail "-p $passes: expected 1 to 99"
 [[ $spp =~ ^[0-9]+([.][0-9]+)?$ && ${first:-1} =~ ^[0-9]+([.][0-9]+)?$ ]] || fail "-n $spp -f $first: expected numbers"
-[[ $gradients =~ ^(auto|all|none)$ ]] || fail "-g $gradients: expected auto, all or none"
+case $gradients in
+auto) share=1 ;;
+all) share=1 ;;
+none) share=0 ;;
+*) share=$gradients ;;
+esac
+[[ $share =~ ^(0|1|0?[.][0-9]+|1[.]0+|0[.])$ ]] || fail "-g $gradients: expected a share from 0 to 1, all, none or auto"
+[[ $cost =~ ^[1-9][0-9]*([.][0-9]+)?$ ]] || fail "-c $cost: expected a number from 1"
+if awk -v s="$share" 'BEGIN { exit s > 0 }'; then gradients=none; fi
 [[ $denoiser =~ ^(gdapr|gdlwr)$ ]] || fail "-d $denoiser: expected gdapr or gdlwr"
 for tool in gdrender gdmerge gdfeature gdapr gdsample "$denoiser"; do
 	command -v "$tool" >/dev/null || fail "$tool: not found; is it built, and its directory in PATH?"
@@ -91,51 +101,40 @@ denoise() {	# TOOL OUT OPTIONS...
 # A figure of a --stats file.
 figure() { sed -E "s/.*\"$2\": ([^,}]*).*/\\1/" "$1"; }
 
-# A sample with gradients in plain ones, from the first pass and two plain samples a pixel that are thrown away.
-# Images so small that the clock tells nothing: as USUAL.
-usual=2.5
-measure() {
-	local one=(--gradients 0 --bins 0 --spp 2 --seed 0 "${more[@]}" "$scene" "$dir/one.exr")
-	[ -f "$dir/one.json" ] || gdrender -q --stats "$dir/one.json" "${one[@]}"
-	rm -f "$dir/one.exr"
-	cost=$(awk -v usual=$usual -v a="$(figure "$dir/pass1.json" cpu_seconds)" -v n="$(figure "$dir/pass1.json" samples)" \
-		-v b="$(figure "$dir/one.json" cpu_seconds)" 'BEGIN {
-			c = b > 0.04 && n > 0 ? 2 * a / n / b : usual
-			print (c < 2 ? 2 : c > 5 ? 5 : c) }')
-	tell "a sample with gradients costs $cost plain ones"
-}
+# So many samples, plain ones, with the share that traces gradients.
+fewer() { awk -v n="$1" -v c="$cost" -v s="$share" 'BEGIN { print n / (1 + s * (c - 1)) }'; }
 
-# So many samples a pixel, all with gradients or none.
+# So many samples a pixel.
 even() {
-	local n with=1 each=${cost:-$usual} least=1
-	if [ "$gradients" = none ]; then with=0 each=1; fi
+	local n least=1
 	# what gradients gain is told by four bins
 	if [ "$gradients" = auto ] && ((passes > 1)); then least=4; fi
-	n=$(awk -v n="$1" -v c="$each" -v m=$least 'BEGIN { n = int(n / c + 0.5); print (n > m ? n : m) }')
-	render=(--spp "$n" --gradients "$with")
+	n=$(awk -v n="$(fewer "$1")" -v m=$least 'BEGIN { n = int(n + 0.5); print (n > m ? n : m) }')
+	render=(--spp "$n" --gradients "$share")
 }
 
 # The next pass: how many samples where, and which of them trace gradients.
 plan() {
-	local map=(--spp "$spp" --multiple 2) share gain
-	[ "$gradients" = all ] && map[1]=$(awk -v n="$spp" -v c="$cost" 'BEGIN { print n / c }')
-	[ "$gradients" = auto ] && map+=(--gradients "$dir/all.exr" --gradient-cost "$cost")
+	local map=(--spp "$spp" --multiple 2) gain
+	if [ "$gradients" = auto ]; then
+		map+=(--gradients "$dir/all.exr" --gradient-cost "$cost")
+	else
+		map[1]=$(fewer "$spp")
+	fi
 	[ -n "$uniform" ] && map+=(--floor 1)
 	denoise gdapr "$dir/clean.exr" "${between[@]}"
 	gdsample -q "${map[@]}" --stats "$dir/plan$i.json" "$dir/clean.exr" -o "$dir/map$i.exr"
-	render=(--sampling "$dir/map$i.exr" --gradients 1)
+	render=(--sampling "$dir/map$i.exr" --gradients "$share")
 	if [ "$gradients" = auto ]; then
-		share=$(figure "$dir/plan$i.json" gradients)
 		render[3]=$dir/map$i.exr
 		gain=$(figure "$dir/plan$i.json" gradients_gain)
-		tell "$(awk -v s="$share" -v g="$gain" 'BEGIN { printf "gradients for %.0f %% of the pixels: " \
-			"%.2f times the error of plain samples in the same time", 100 * s, g }')"
+		tell "$(awk -v s="$(figure "$dir/plan$i.json" gradients)" -v g="$gain" 'BEGIN { printf "gradients for " \
+			"%.0f %% of the pixels: %.2f times the error of plain samples in the same time", 100 * s, g }')"
 		if awk -v g="$gain" 'BEGIN { exit !(g > 0.95) }'; then
 			tell "gradients do not pay here: none from now on"
-			gradients=none
+			gradients=none share=0 render[3]=0
 		fi
 	fi
-	if [ "$gradients" = none ]; then render[3]=0; fi
 }
 
 # Colours from the neighbours' offset paths, too: after denoising, lower errors on every scene tried.
@@ -158,7 +157,6 @@ for ((i = 1; i <= passes; i++)); do
 		if ((i == 1)); then told=$quiet; fi
 		gdrender ${told:+"$told"} "${between[@]}" --stats "${pass%.exr}.json" --bins "$bins" --seed $((seed + i - 1)) "${render[@]}" "${reuse[@]}" "${more[@]}" "$scene" "$pass"
 	fi
-	if ((i == 1 && passes > 1)) && [ "$gradients" != none ] && [ -z "$cost" ]; then measure; fi
 	inputs=()
 	for ((k = 1; k <= i; k++)); do inputs+=("$dir/pass$k.exr"); done
 	gdmerge -q "${inputs[@]}" -o "$dir/all.exr" "${between[@]}"

@@ -2,16 +2,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # relMSE against seconds, rendering included, of every way to spend them.
 #	render.sh BIN SCENES REFERENCES OUT [NAME ...]
-# A budget is so many plain samples a pixel; a sample that traces gradients counts as 2.5. With each budget
+# A budget is so many plain samples a pixel; a sample that traces gradients counts as 2.2. With each budget
 # every method renders SCENES/NAME.gltf by itself, where what it renders is not what another renders, too:
 #	path		plain samples, as they are; path-apr, path-lwr: denoised with G-buffers
 #	gpt-l2, gpt-l1	gradients with every sample, solved; gpt-apr, gpt-lwr: gdfeature, then denoised
+#	mixed-apr, -lwr	the same with gradients for a third of the samples
 #	pairs-l2 ...	gradients between pixels that look alike in a render of 4 plain samples, solved
-#	...-adaptive	three passes of examples/adaptive.sh, the first small, for what it spends on finding out
-#	mixed...	gradients where they pay
+#	...-adaptive	three passes of examples/adaptive.sh, the first small: plain ones, with gradients for
+#			every sample (gpt) or for a third (mixed)
+# Wherever gradients are traced, the colour reuses the offset paths.
 # OUT/NAME.BUDGET/ holds the images; passes and maps of METHOD are in METHOD.exr.passes.
 # REFERENCES/NAME.exr is what they are measured against. What is in OUT already is not rendered again.
-# Variables: RENDER_SPP (budgets), RENDER_COST, RENDER_METHODS, RENDER_TIME (wall, or cpu: user and system
+# Variables: RENDER_SPP (budgets), RENDER_COST, RENDER_SHARE, RENDER_METHODS, RENDER_TIME (wall, or cpu: user and system
 # seconds, for machines that do other things, too)
 set -euo pipefail
 bin=$(realpath "$1") scenes=$(realpath "$2") references=$(realpath "$3") out=$4
@@ -20,9 +22,9 @@ here=$(realpath "$(dirname "$0")")
 PATH=$bin:$here/../../examples:$PATH
 export OMP_WAIT_POLICY=passive
 unset SOURCE_DATE_EPOCH
-budgets=${RENDER_SPP:-16 64} cost=${RENDER_COST:-2.5} clock=${RENDER_TIME:-wall}
-methods=${RENDER_METHODS:-path path-apr path-lwr gpt-l2 gpt-l1 gpt-apr gpt-lwr pairs-l2 pairs-l1 path-adaptive \
-gpt-adaptive mixed mixed-adaptive}
+budgets=${RENDER_SPP:-16 64} cost=${RENDER_COST:-2.2} share=${RENDER_SHARE:-0.35} clock=${RENDER_TIME:-wall}
+methods=${RENDER_METHODS:-path path-apr path-lwr gpt-l2 gpt-l1 gpt-apr gpt-lwr pairs-l2 pairs-l1 mixed-apr mixed-lwr \
+path-adaptive gpt-adaptive mixed-adaptive}
 plain=(--compression none)
 [[ $clock = wall || $clock = cpu ]] || { echo "render.sh: RENDER_TIME=$clock: expected wall or cpu" >&2; exit 2; }
 mkdir -p "$out"
@@ -49,41 +51,52 @@ made() {	# FILE COMMAND...
 render() { gdrender -q "${plain[@]}" "${args[@]}" --size "$size" "${@:1:$#-1}" "$scenes/$name.gltf" "${@: -1}"; }
 adaptive() {
 	rm -rf "${*: -1}.passes"
-	adaptive.sh -q -k "${*: -1}.passes" -f "$first" -n "$(awk -v n="$n" -v f="$first" 'BEGIN { print (n - f) / 2 }')" \
+	adaptive.sh -q -c "$cost" -k "${*: -1}.passes" -f "$first" -n "$(awk -v n="$n" -v f="$first" 'BEGIN { print (n - f) / 2 }')" \
 		-b "$bins" \
 		"${@:1:$#-1}" "$scenes/$name.gltf" "${@: -1}" -- "${args[@]}" --size "$size"
 }
 feature() { gdfeature -q "${plain[@]}" "$@"; }
 
+# Samples of the budget, with that share tracing gradients.
+fewer() { awk -v n="$n" -v c="$cost" -v s="$1" 'BEGIN { n = int(n / (1 + s * (c - 1)) + 0.5); print (n > 1 ? n : 1) }'; }
+
 # Makes dir/METHOD.exr; its stages, whose seconds add up, go to $stages.
 method() {	# METHOD
-	local m=$1
+	local m=$1 feature
 	stages=()
 	case $m in
-	path*-adaptive) ;;
+	*-adaptive) ;;
 	path*) stages=(path); made "$dir/path" render --spp "$n" --gradients 0 ;;
-	gpt-adaptive) ;;
-	gpt*) stages=(gpt); made "$dir/gpt" render --spp "$with" --bins "$bins" ;;
+	gpt*) stages=(gpt); made "$dir/gpt" render --spp "$(fewer 1)" --bins "$bins" --reuse-offsets ;;
+	mixed*)
+		stages=(mixed)
+		made "$dir/mixed" render --spp "$(fewer "$share")" --gradients "$share" --bins "$bins" --reuse-offsets
+		;;
 	pairs*)
 		stages=(guide pairs)
 		made "$dir/guide" render --spp 4 --gradients 0 --bins 0 --seed 77
-		made "$dir/pairs" render --spp "$with" --bins "$bins" --pairs "$dir/guide.exr"
+		made "$dir/pairs" render --spp "$(fewer 1)" --bins "$bins" --reuse-offsets --pairs "$dir/guide.exr"
 		;;
 	esac
-	case $m in gpt-apr | gpt-lwr) stages+=(feature); made "$dir/feature" feature "$dir/gpt.exr" -o ;; esac
+	case $m in
+	gpt-apr | gpt-lwr | mixed-apr | mixed-lwr)
+		feature=${m%-*}-feature
+		stages+=("$feature")
+		made "$dir/$feature" feature "$dir/${m%-*}.exr" -o
+		;;
+	esac
 	[ "$m" = path ] || stages+=("$m")
 	case $m in
 	path) ;;
 	path-apr) made "$dir/$m" gdapr -q "$dir/path.exr" -o ;;
 	path-lwr) made "$dir/$m" gdlwr -q "$dir/path.exr" -o ;;
 	gpt-l[12]) made "$dir/$m" gdsolve -q -m "${m#gpt-}" "$dir/gpt.exr" -o ;;
-	gpt-apr) made "$dir/$m" gdapr -q "$dir/feature.exr" -o ;;
-	gpt-lwr) made "$dir/$m" gdlwr -q "$dir/feature.exr" -o ;;
+	gpt-apr | mixed-apr) made "$dir/$m" gdapr -q "$dir/$feature.exr" -o ;;
+	gpt-lwr | mixed-lwr) made "$dir/$m" gdlwr -q "$dir/$feature.exr" -o ;;
 	pairs-l[12]) made "$dir/$m" gdsolve -q --pairs -m "${m#pairs-}" "$dir/pairs.exr" -o ;;
 	path-adaptive) made "$dir/$m" adaptive -g none ;;
 	gpt-adaptive) made "$dir/$m" adaptive -g all ;;
-	mixed) made "$dir/$m" adaptive -u ;;
-	mixed-adaptive) made "$dir/$m" adaptive ;;
+	mixed-adaptive) made "$dir/$m" adaptive -g "$share" ;;
 	*) echo "render.sh: no method $m" >&2; return 2 ;;
 	esac
 }
@@ -104,7 +117,6 @@ for name; do
 	for n in $budgets; do
 		dir=$out/$name.$n
 		mkdir -p "$dir"
-		with=$(awk -v n="$n" -v c="$cost" 'BEGIN { n = int(n / c + 0.5); print (n > 1 ? n : 1) }')
 		first=$((n < 20 ? n / 2 : n < 80 ? 10 : n / 8)) bins=$((first >= 20 ? 8 : 4))
 		for m in $methods; do
 			method "$m" || continue

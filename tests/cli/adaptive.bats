@@ -27,7 +27,12 @@ spp() { perl "$top/tests/support/exrval.pl" "$1" samples 2>/dev/null || perl "$t
 	[ "$stderr" = "adaptive.sh: -p 0: expected 1 to 99" ]
 	run --separate-stderr "$adaptive" -g some one.gltf out.exr
 	[ "$status" -eq 2 ]
-	[ "$stderr" = "adaptive.sh: -g some: expected auto, all or none" ]
+	[ "$stderr" = "adaptive.sh: -g some: expected a share from 0 to 1, all, none or auto" ]
+	run --separate-stderr "$adaptive" -g 1.5 one.gltf out.exr
+	[ "$status" -eq 2 ]
+	run --separate-stderr "$adaptive" -c 0.5 one.gltf out.exr
+	[ "$status" -eq 2 ]
+	[ "$stderr" = "adaptive.sh: -c 0.5: expected a number from 1" ]
 	run --separate-stderr "$adaptive" -d gdbag one.gltf out.exr
 	[ "$status" -eq 2 ]
 	[ "$stderr" = "adaptive.sh: -d gdbag: expected gdapr or gdlwr" ]
@@ -45,7 +50,7 @@ spp() { perl "$top/tests/support/exrval.pl" "$1" samples 2>/dev/null || perl "$t
 @test "passes cost what was asked for, and nothing is left behind" {
 	need_renderer
 	mkdir tmp
-	for how in "-g none" "-g all" "" "-u" "-d gdlwr"; do
+	for how in "-g none" "-g all" "-g 0.0" "-g auto" "" "-u" "-d gdlwr"; do
 		# shellcheck disable=SC2086
 		run --separate-stderr env TMPDIR="$PWD/tmp" "$adaptive" -q -n 16 -p 2 $how "$scene" out.exr -- --size 48x36
 		echo "$how: $stderr"
@@ -55,6 +60,8 @@ spp() { perl "$top/tests/support/exrval.pl" "$1" samples 2>/dev/null || perl "$t
 		rm out.exr
 		[ -z "$(ls tmp)" ]
 	done
+	"$adaptive" -q -g 0.5 -c 2.2 -p 1 -f 32 -k half "$scene" out.exr -- --size 16x12
+	awk -v n="$(spp half/pass1.exr)" 'BEGIN { exit n != 20 }'
 	"$adaptive" -q -g none -n 6 -f 4 -p 3 -k kept "$scene" out.exr -- --size 48x36
 	gdmerge -q kept/pass1.exr kept/pass2.exr kept/pass3.exr -o all.exr --compression none
 	awk -v n="$(spp all.exr)" 'BEGIN { exit !(n > 15.99 && n < 16.01) }'
