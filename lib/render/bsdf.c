@@ -3,16 +3,11 @@
  * Below, o and i are wo and wi in the frame mirrored so that o.z > 0: eta alone knows which side
  * of the surface that is.
  */
-#include "render/bsdf.h"
+#include "render/bsdf_impl.h"
 
-#define PI	3.14159265f
-#define FLAT	1e-6f	/* cosine; floats do not tell the sides of a surface apart below */
+#define PI	GD_BSDF_PI
 #define STRAIGHT 1e-3f	/* refracting by less than this times a tangent is not refracting */
-#define LEAST	0.05f	/* of all energy: what a lobe that is there gets of the samples */
-#define FAINT	1e-4f	/* energy of a lobe that is there but not in the direction looked at */
 #define INDEX	100.0f	/* nothing refracts more */
-
-enum lobe { DIFFUSE, REFLECTION, TRANSMISSION };
 
 static inline float clamp01(float x)
 {
@@ -36,7 +31,7 @@ static inline struct gd_v3 mirrored(struct gd_v3 v, struct gd_v3 r, float r2)
  * whose normals differ by rounding, must have nearly the same frame if copies shall be alike.
  * Mirroring at n + z takes z to -n, and x and y to where they belong, without cancellation.
  */
-static struct gd_frame frame_about(struct gd_v3 n)
+struct gd_frame gd_bsdf_frame(struct gd_v3 n)
 {
 	static const struct gd_v3 x = { 0.8f, 0, -0.6f }, y = { -0.36f, 0.8f, -0.48f };
 	static const struct gd_v3 z = { 0.48f, 0.6f, 0.64f };
@@ -225,11 +220,11 @@ static bool chances(struct gd_bsdf *b)
 		       (1 - usual) * gd_luma(b->pass) };
 
 	if (b->alpha >= GD_SMOOTH && shines)
-		e[REFLECTION] = gd_at_least(e[REFLECTION], FAINT);
+		e[GD_REFLECTION] = gd_at_least(e[GD_REFLECTION], GD_BSDF_FAINT);
 	if (frosted)
-		e[TRANSMISSION] = gd_at_least(e[TRANSMISSION], FAINT);
+		e[GD_TRANSMISSION] = gd_at_least(e[GD_TRANSMISSION], GD_BSDF_FAINT);
 
-	const float least = LEAST * (e[0] + e[1] + e[2]);
+	const float least = GD_BSDF_LEAST * (e[0] + e[1] + e[2]);
 
 	for (int k = 0; k < 3; k++)
 		e[k] = e[k] > 0 ? gd_at_least(e[k], least) : 0;
@@ -254,11 +249,11 @@ static bool look(struct gd_bsdf *b, struct gd_v3 wo)
 	const float side = gd_dot(b->ng, wo) < 0 ? -1 : 1;
 	const bool fits = side * gd_dot(b->ns, wo) > 0;
 
-	b->frame = frame_about(fits ? b->ns : b->ng);
+	b->frame = gd_bsdf_frame(fits ? b->ns : b->ng);
 	b->wo = gd_to_local(&b->frame, wo);
 	b->up = side;
 	b->eta = side < 0 && !gd_black(b->pass) ? 1 / b->ior : b->ior;
-	if (!(side * b->wo.z >= FLAT)) {
+	if (!(side * b->wo.z >= GD_BSDF_FLAT)) {
 		for (int k = 0; k < 3; k++)
 			b->chance[k] = b->share[k] = 0;
 		return false;
@@ -328,20 +323,20 @@ static inline struct gd_v3 rough_at(const struct gd_bsdf *b, struct gd_v3 i, flo
 	float p = 0, q;
 
 	if (i.z > 0) {
-		if (b->share[DIFFUSE] > 0) {
+		if (b->share[GD_DIFFUSE] > 0) {
 			const float c = i.z / PI;
 			const float d = fresnel(gd_at_most(i.z, 1), b->eta);
 
 			f = gd_scale(b->diffuse, c * (1 - b->reflected) * (1 - d));
-			p = b->share[DIFFUSE] * c;
+			p = b->share[GD_DIFFUSE] * c;
 		}
-		if (b->share[REFLECTION] > 0) {
+		if (b->share[GD_REFLECTION] > 0) {
 			f = gd_add(f, reflection_at(b, o, i, &q));
-			p += b->share[REFLECTION] * q;
+			p += b->share[GD_REFLECTION] * q;
 		}
-	} else if (i.z < 0 && b->share[TRANSMISSION] > 0) {
+	} else if (i.z < 0 && b->share[GD_TRANSMISSION] > 0) {
 		f = transmission_at(b, o, i, &q);
-		p = b->share[TRANSMISSION] * q;
+		p = b->share[GD_TRANSMISSION] * q;
 	}
 	*pdf = b->chance[GD_ROUGH] * p;
 	return f;
@@ -442,7 +437,7 @@ static bool draw_rough(const struct gd_bsdf *b, float choice, float u, float v, 
 {
 	const struct gd_v3 o = near_wo(b);
 
-	if (choice < b->share[DIFFUSE]) {
+	if (choice < b->share[GD_DIFFUSE]) {
 		const float r = sqrtf(u);
 		float sine, cosine;
 
@@ -452,8 +447,8 @@ static bool draw_rough(const struct gd_bsdf *b, float choice, float u, float v, 
 	}
 	const struct gd_v3 h = visible_normal(b->alpha, o, u, v);
 
-	if (b->share[TRANSMISSION] == 0 || choice < b->share[DIFFUSE] + b->share[REFLECTION])
-		return b->share[REFLECTION] > 0 && reflect(o, h, i);
+	if (b->share[GD_TRANSMISSION] == 0 || choice < b->share[GD_DIFFUSE] + b->share[GD_REFLECTION])
+		return b->share[GD_REFLECTION] > 0 && reflect(o, h, i);
 	return refract(b->eta, o, h, i);
 }
 

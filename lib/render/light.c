@@ -320,6 +320,59 @@ bool gd_light_again(const struct gd_scene *scene, struct gd_v3 p, const struct g
 	return seen(scene, p, again) && !gd_black(again->radiance);
 }
 
+/* towards() and area_pdf() of a point on an area light. */
+static gd_i4 area_again4(const struct gd_light *l, const struct gd_v34 *from,
+			 const struct gd_light_sample *s, struct gd_light_sample4 *again)
+{
+	_Alignas(32) double x[4], y[4], z[4], t[4];
+	struct gd_v34 d;
+	gd_f4 c;
+
+	for (int k = 0; k < 4; k++) {
+		x[k] = (double)s->point.x - from->x[k];
+		y[k] = (double)s->point.y - from->y[k];
+		z[k] = (double)s->point.z - from->z[k];
+		t[k] = sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k]);
+		d.x[k] = (float)(x[k] / t[k]);
+		d.y[k] = (float)(y[k] / t[k]);
+		d.z[k] = (float)(z[k] / t[k]);
+		again->t[k] = (float)t[k];
+	}
+	c = gd_abs4(gd_dot4(d, gd_v34_all(s->normal)));
+	for (int k = 0; k < 4; k++) {
+		const double pdf = (double)l->chance * t[k] * t[k] / ((double)l->area * c[k]);
+
+		again->pdf[k] = pdf < (double)PDF_MAX ? (float)pdf : PDF_MAX;
+	}
+	again->d = d;
+	again->radiance = gd_v34_all(s->radiance);
+	return (again->t > 3.2e-19f) & (c > 0) & (again->pdf > 0);
+}
+
+gd_i4 gd_light_again4(const struct gd_scene *scene, const struct gd_v34 *from,
+		      const struct gd_light_sample *s, gd_i4 active,
+		      struct gd_light_sample4 *again)
+{
+	const struct gd_light *l = s->light == GD_NO_INDEX ? NULL : &scene->light[s->light];
+
+	if (!l || (l->kind == GD_AREA && gd_black(s->radiance)))
+		return gd_mask4(0);
+	if (l->kind == GD_AREA)
+		return active & area_again4(l, from, s, again);
+	for (int k = 0; k < 4; k++) {
+		struct gd_light_sample one;
+
+		if (!active[k])
+			continue;
+		active[k] = gd_light_again(scene, gd_v34_lane(from, k), s, &one) ? -1 : 0;
+		gd_v34_put(&again->d, k, one.d);
+		gd_v34_put(&again->radiance, k, one.radiance);
+		again->t[k] = one.t;
+		again->pdf[k] = one.pdf;
+	}
+	return active;
+}
+
 /* --- what a ray meets --- */
 
 struct gd_v3 gd_light_emitted(const struct gd_scene *scene, const struct gd_hit *hit,

@@ -7,8 +7,6 @@
 #include "render/walk.h"
 #include "rng.h"
 
-#define SURVIVAL_LEAST 0.05f	/* so that a path that survives counts 20 times at most */
-
 struct gd_draw gd_draw_start(uint64_t seed, uint32_t x, uint32_t y, uint32_t sample)
 {
 	const struct gd_rng_key key = gd_rng_key(seed, (uint64_t)y << 32 | x);
@@ -30,11 +28,13 @@ float gd_draw(struct gd_draw *d)
 	return (float)((x >> turn | x << (-turn & 31)) >> 8) * 0x1p-24f;
 }
 
-float gd_walk_survival(const struct gd_walk *w, struct gd_v3 t)
+/* Probability to go on from x_k with throughput t (f / p). It is a factor of the density of BSDF
+ * sampling there, not of that of light sampling. */
+static float survival(const struct gd_walk *w)
 {
 	if (w->segments < GD_ROULETTE_FROM)
 		return 1;
-	return gd_at_most(gd_at_least(gd_largest(t), SURVIVAL_LEAST), 1);
+	return gd_at_most(gd_at_least(gd_largest(w->t), GD_SURVIVAL_LEAST), 1);
 }
 
 struct gd_v3 gd_walk_camera(const struct gd_view *view, int w, int h, float px, float py,
@@ -53,7 +53,8 @@ struct gd_v3 gd_walk_camera(const struct gd_view *view, int w, int h, float px, 
 	return gd_unit(gd_sub(gd_scale(through, view->focus), shift));
 }
 
-struct gd_v3 gd_walk_reflect(const struct gd_bsdf *b, const struct gd_light_sample *s, float *pdf)
+/* Value times cosine of b for light from s, and the density with which b would have sampled it. */
+static struct gd_v3 reflect(const struct gd_bsdf *b, const struct gd_light_sample *s, float *pdf)
 {
 	struct gd_v3 f = gd_bsdf_rough(b, s->d, pdf);
 
@@ -72,37 +73,11 @@ static void gather(struct gd_v3 *sum, struct gd_v3 a)
 		*sum = s;
 }
 
-/* Do f(x) and J f(y) differ by more than a factor, neither of them 0? */
-static bool apart(struct gd_v3 fx, struct gd_v3 fy, float ratio)
-{
-	const float a = gd_luma(fx), b = gd_luma(fy);
-
-	return a > 0 && b > 0 && (a > ratio * b || b > ratio * a);
-}
-
-/* A path that ends here: f of the base path, and P, both over one density; fy, qy likewise. */
-static void add_halves(const struct gd_walk *w, struct gd_v3 fx, float p)
-{
-	for (int k = 0; k < w->n; k++) {
-		const struct gd_offset *o = &w->o[k];
-
-		if (gd_black(fx) && gd_black(o->fy))
-			continue;
-
-		const bool shifted = !apart(fx, o->fy, w->conf->shift_ratio);
-		const float d = 1 / (p + (shifted ? w->in->r[k] * o->qy : 0));
-
-		gather(&w->out->mine[k], gd_scale(fx, d));
-		if (shifted)
-			gather(&w->out->theirs[k], gd_scale(o->fy, d));
-	}
-}
-
-static void add_path(const struct gd_walk *w, struct gd_v3 fx, float p)
+static void add_path(struct gd_walk *w, struct gd_v3 fx, float p)
 {
 	gather(&w->out->colour, gd_scale(fx, 1 / p));
 	if (w->n)
-		add_halves(w, fx, p);
+		gd_shift_add(w, fx, p);
 }
 
 /* The ray from o along d: where a path may end, or go on. */
@@ -131,17 +106,18 @@ void gd_path_first(const struct gd_scene *scene, int w, int h, float px, float p
 /* G-buffers: of the first surface that is not a mirror or a pane. */
 static void note_surface(const struct gd_walk *w, const struct gd_arrival *a, float z)
 {
+	const struct gd_vertex *x = a->to;
 	struct gd_path_out *out = w->out;
-	const bool clear = a->to.solid && a->to.b.chance[GD_ROUGH] == 0 && a->to.b.alpha < GD_SMOOTH;
+	const bool clear = x->solid && x->b.chance[GD_ROUGH] == 0 && x->b.alpha < GD_SMOOTH;
 
-	if (out->hits || a->to.miss || clear)
+	if (out->hits || x->miss || clear)
 		return;
 	out->hits = 1;
 	out->z = z;
-	out->normal = a->to.hit.ns;
-	out->position = a->to.hit.p;
-	if (a->to.solid) {
-		const struct gd_v3 c = gd_mul(a->to.b.albedo, w->t);
+	out->normal = x->hit.ns;
+	out->position = x->hit.p;
+	if (x->solid) {
+		const struct gd_v3 c = gd_mul(x->b.albedo, w->t);
 
 		out->albedo = gd_v3(gd_at_most(c.x, 1), gd_at_most(c.y, 1), gd_at_most(c.z, 1));
 	}
@@ -155,14 +131,14 @@ static void sample_light(struct gd_walk *w)
 	float pdf;
 	bool seen;
 
-	if (!gd_light_sample(w->scene, w->hit.p, choice, u, v, &s) || !(s.pdf > 0))
+	if (!gd_light_sample(w->scene, w->at->hit.p, choice, u, v, &s) || !(s.pdf > 0))
 		return;
 	if (!w->conf->mis && !s.delta)
 		return;
-	f = gd_walk_reflect(&w->b, &s, &pdf);
+	f = reflect(&w->at->b, &s, &pdf);
 	if (gd_black(f) || gd_black(s.radiance))
 		return;
-	seen = gd_ray_free(w->scene, w->hit.p, s.d, s.t);
+	seen = gd_ray_free(w->scene, w->at->hit.p, s.d, s.t);
 	if (w->n)
 		gd_shift_light(w, &s, f, pdf, seen);
 	else if (!seen)
@@ -175,24 +151,25 @@ static void sample_light(struct gd_walk *w)
 static float density_of_light(const struct gd_walk *w, const struct gd_scatter *s,
 			      const struct gd_arrival *a)
 {
-	if (s->event != GD_ROUGH || !w->conf->mis || gd_black(a->to.radiance))
+	if (s->event != GD_ROUGH || !w->conf->mis || gd_black(a->to->radiance))
 		return 0;
-	return a->to.miss ? gd_environment_pdf(w->scene, s->wi) :
-			 gd_light_pdf(w->scene, &a->to.hit, s->wi);
+	return a->to->miss ? gd_environment_pdf(w->scene, s->wi) :
+			 gd_light_pdf(w->scene, &a->to->hit, s->wi);
 }
 
 /* Ambient light, for the gradients alone. */
 static void add_ambient(struct gd_walk *w, const struct gd_arrival *a)
 {
-	if (!w->n || !a->to.solid || w->conf->ambient <= 0)
+	if (!w->n || !a->to->solid || w->conf->ambient <= 0)
 		return;
 	gd_shift_ambient(w, a);
-	add_halves(w, gd_scale(gd_mul(w->t, a->to.b.albedo), w->conf->ambient), 1);
+	gd_shift_add(w, gd_scale(gd_mul(w->t, a->to->b.albedo), w->conf->ambient), 1);
 }
 
 /* From x_k to the next vertex. Returns false if the path ends at x_k. */
 static bool scatter(struct gd_walk *w, struct gd_arrival *a)
 {
+	struct gd_vertex *to;
 	struct gd_scatter s;
 	float u[3];
 
@@ -200,19 +177,21 @@ static bool scatter(struct gd_walk *w, struct gd_arrival *a)
 		return false;
 	for (int i = 0; i < 3; i++)
 		u[i] = gd_draw(w->draw);
-	if (!gd_bsdf_sample(&w->b, u, &s) || gd_black(s.f))
+	if (!gd_bsdf_sample(&w->at->b, u, &s) || gd_black(s.f))
 		return false;
 	w->t = gd_scale(w->t, 1 / w->survive);
 	if (w->n)
 		gd_shift_resolve(w, &s);
-	look(w->scene, w->hit.p, s.wi, &a->to);
+	to = w->at == &w->room[0] ? &w->room[1] : &w->room[0];
+	look(w->scene, w->at->hit.p, s.wi, to);
+	a->to = to;
 	a->last = w->segments + 1 >= w->conf->depth;
 	a->pdf_light = density_of_light(w, &s, a);
 	if (w->n)
 		gd_shift_follow(w, &s, a);
 	w->t = gd_mul(w->t, gd_scale(s.f, 1 / s.pdf));
 	w->last = s;
-	add_path(w, gd_mul(w->t, a->to.radiance), 1 + a->pdf_light / (w->survive * s.pdf));
+	add_path(w, gd_mul(w->t, a->to->radiance), 1 + a->pdf_light / (w->survive * s.pdf));
 	add_ambient(w, a);
 	return true;
 }
@@ -250,19 +229,19 @@ static void start(struct gd_walk *w, struct gd_arrival *a)
 
 		to_disc(u, v, lens);
 	}
-	if (in->first) {
-		a->to = *in->first;
-	} else {
+	a->to = in->first;
+	if (!in->first) {
 		struct gd_v3 o;
 		const struct gd_v3 d = gd_walk_camera(view, in->w, in->h, (float)in->x + at[0],
 						      (float)in->y + at[1], lens, &o);
 
-		look(w->scene, o, d, &a->to);
+		look(w->scene, o, d, &w->room[0]);
+		a->to = &w->room[0];
 	}
 	a->pdf_light = 0;
 	if (w->n)
 		gd_shift_start(w, at, lens);
-	add_path(w, a->to.radiance, 1);
+	add_path(w, a->to->radiance, 1);
 	add_ambient(w, a);
 }
 
@@ -282,23 +261,25 @@ void gd_path_trace(const struct gd_scene *scene, const struct gd_path_conf *conf
 	w.n = in->n;
 	w.t = gd_v3(1, 1, 1);
 	start(&w, &a);
-	z = a.to.miss ? 0 : a.to.hit.t;
+	z = a.to->miss ? 0 : a.to->hit.t;
 	note_surface(&w, &a, z);
-	for (w.segments = 1; a.to.solid && w.segments < conf->depth; w.segments++) {
-		w.hit = a.to.hit;
-		w.b = a.to.b;
-		w.survive = gd_walk_survival(&w, w.t);
+	for (w.segments = 1; a.to->solid && w.segments < conf->depth; w.segments++) {
+		w.at = a.to;
+		w.survive = survival(&w);
 		if (scene->nlight)
 			sample_light(&w);
 		if (!scatter(&w, &a))
 			break;
-		z += a.to.miss ? 0 : a.to.hit.t;
+		z += a.to->miss ? 0 : a.to->hit.t;
 		if (w.last.smooth)
 			note_surface(&w, &a, z);
 		else
 			out->hits |= 2;
 	}
 	out->hits &= 1;
-	for (int k = 0; k < in->n; k++)
+	for (int k = 0; k < in->n; k++) {
+		out->mine[k] = gd_v34_lane(&w.o.mine, k);
+		out->theirs[k] = gd_v34_lane(&w.o.theirs, k);
 		out->half[k] = gd_sub(out->theirs[k], out->mine[k]);
+	}
 }

@@ -12,7 +12,7 @@
 #include <stdint.h>
 
 #include "gd.h"
-#include "render/vec.h"
+#include "render/four.h"
 
 #define GD_NO_INDEX UINT32_MAX
 #define GD_SKY_MAX 1e30f	/* radiance; sums over directions and paths stay finite */
@@ -186,6 +186,16 @@ bool gd_light_sample(const struct gd_scene *scene, struct gd_v3 p, float choice,
  */
 bool gd_light_again(const struct gd_scene *scene, struct gd_v3 p, const struct gd_light_sample *s,
 		    struct gd_light_sample *again);
+
+/* gd_light_again() from the lanes of from that active holds; the lanes where it returns true. What
+ * the others have is undefined. */
+struct gd_light_sample4 {
+	struct gd_v34 d, radiance;
+	gd_f4 t, pdf;
+};
+gd_i4 gd_light_again4(const struct gd_scene *scene, const struct gd_v34 *from,
+		      const struct gd_light_sample *s, gd_i4 active,
+		      struct gd_light_sample4 *again);
 
 /* Radiance that leaves an emissive triangle at hit towards wo; 0 if it does not emit. Both sides
  * emit the same in all directions, as glTF's emission does. */
