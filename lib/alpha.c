@@ -81,15 +81,20 @@ static double around(struct gd_plane p, int x, int y)
 	return sum / n;
 }
 
-/* What a squared error counts, of that in a pixel as dark as DARK. */
+/*
+ * What a squared error counts, of that in a pixel as dark as DARK. The brightness is that of the
+ * darker half: a firefly, which one half has, must not excuse itself.
+ */
 static void weigh(const struct choice *c)
 {
 	const double dark = DARK * c->level;
+	const bool halves = c->in->source == GD_ALPHA_HALVES;
 
 #pragma omp parallel for schedule(static)
 	for (int y = 0; y < c->weight.h; y++)
 		for (int x = 0; x < c->weight.w; x++) {
-			const double l = around(c->image, x, y) / dark;
+			const double off = halves ? fabs(around(c->noise, x, y)) : 0;
+			const double l = fmax(fabs(around(c->image, x, y)) - off, 0) / dark;
 
 			gd_row(c->weight, y)[x] = (float)(1 / (l * l + 1));
 		}

@@ -6,8 +6,8 @@
  * same kind and size without the image, is solved for some alpha, and the one wins whose solution o
  * has the least
  *	sum over pixels of o^2 / (l^2 + (level / 5)^2)
- * where l is the brightness of the solved image, 3x3 pixels of it, and level that of the image: a
- * relative error. Halvings and doublings of 0.5 are tried, and a parabola put through the least
+ * where l is the brightness of 3x3 pixels of the solved image, in the darker half, and level that of
+ * the image: a relative error. Halvings and doublings of 0.5 are tried, and a parabola put through the least
  * (which for independent noise is up to 15 % low: 1 % of the error).
  *
  * Without halves the variances must do: alpha = 0.7 x root of the ratio of the weighted mean
