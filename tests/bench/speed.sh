@@ -41,7 +41,7 @@ for size in "${sizes[@]}"; do
 	mega=$(awk "BEGIN { print $w * $h / 1e6 }")
 	gdcut "$input" "$tmp/in.exr" 0 0 "$w" "$h" bin
 	mv "$tmp/in.exr" "$tmp/solve.exr"
-	for m in l2 wls l1; do timed "gdsolve $m" "$mega" gdsolve -m $m "$tmp/solve.exr"; done
+	for m in l2 wls l1; do timed "gdsolve $m" "$mega" gdsolve -a 0.2 -m $m "$tmp/solve.exr"; done
 	rm "$tmp/solve.exr"
 	gdcut "$input" "$tmp/in.exr" 0 0 "$w" "$h"
 	timed gdbag "$mega" gdbag "$tmp/in.exr"
