@@ -128,6 +128,7 @@ static void sample_light(struct gd_walk *w)
 	const float choice = gd_draw(w->draw), u = gd_draw(w->draw), v = gd_draw(w->draw);
 	struct gd_light_sample s;
 	struct gd_v3 f;
+	uint32_t blocker;
 	float pdf;
 	bool seen;
 
@@ -138,9 +139,10 @@ static void sample_light(struct gd_walk *w)
 	f = reflect(&w->at->b, &s, &pdf);
 	if (gd_black(f) || gd_black(s.radiance))
 		return;
-	seen = gd_ray_free(w->scene, w->at->hit.p, s.d, s.t);
+	blocker = gd_ray_blocker(w->scene, w->at->hit.p, s.d, s.t);
+	seen = blocker == GD_NO_INDEX;
 	if (w->n)
-		gd_shift_light(w, &s, f, pdf, seen);
+		gd_shift_light(w, &s, f, pdf, blocker);
 	else if (!seen)
 		return;
 	add_path(w, seen ? gd_mul(w->t, gd_mul(f, s.radiance)) : gd_v3(0, 0, 0),

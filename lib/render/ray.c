@@ -11,6 +11,7 @@
 #include <fenv.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "render/impl.h"
 
@@ -19,10 +20,11 @@
 				   saves tests of planes */
 #define START 0x1p-23		/* points on surfaces are rounded once: 2^-24 of each coordinate */
 #define END 0x1p-21		/* of distance and coordinates: d and t were rounded, too */
+#define INSIDE 1e-3f		/* barycentric: clearly no edge; all roundings are less by far */
 #define TURNS 64		/* hits that one ray may have to pass by: triangles in one plane */
 
 /* Rows of the arrays that a filter gets, N wide: the order of the members of RTCRay and RTCHit. */
-#define RAY_ID (offsetof(struct RTCRay, id) / sizeof(unsigned))
+#define RAY(member) (offsetof(struct RTCRay, member) / sizeof(unsigned))
 #define HIT_PRIMITIVE (offsetof(struct RTCHit, primID) / sizeof(unsigned))
 
 struct report {
@@ -92,26 +94,41 @@ static inline bool ends_in(const struct gd_scene *s, uint32_t triangle, struct g
 	       exactly_in_plane(s, triangle, end, END, END * (double)t);
 }
 
-/* What a shadow ray carries along: Embree hands the context to the filter. */
+/* What shadow rays carry along: Embree hands the context to the filter. */
 struct shadow {
 	struct RTCIntersectContext context;
 	const struct gd_scene *scene;
-	const struct gd_v3 *from, *to;	/* of each ray, by its id */
-	const float *t;			/* INFINITY: it has no end */
+	const float *t;			/* length of each ray, by its id; INFINITY: it has no end */
+	uint32_t blocker;		/* what a ray hit last */
 };
+
+/* Vector of ray i of n, whose rows begin with row. */
+static inline struct gd_v3 of_ray(const float *rows, size_t row, unsigned i, unsigned n)
+{
+	return gd_v3(rows[row * n + i], rows[(row + 1) * n + i], rows[(row + 2) * n + i]);
+}
 
 /* Passes by the surfaces on which a shadow ray starts or ends. */
 static void pass_by(const struct RTCFilterFunctionNArguments *a)
 {
-	const struct shadow *s = (const struct shadow *)a->context;
+	struct shadow *s = (struct shadow *)a->context;
+	const float *rays = (const float *)a->ray;
 
 	for (unsigned i = 0; i < a->N; i++) {
-		const unsigned ray = ((const unsigned *)a->ray)[RAY_ID * a->N + i];
 		const uint32_t triangle = ((const unsigned *)a->hit)[HIT_PRIMITIVE * a->N + i];
 
-		if (a->valid[i] && (starts_in(s->scene, triangle, s->from[ray]) ||
-				    ends_in(s->scene, triangle, s->to[ray], s->t[ray])))
+		if (!a->valid[i])
+			continue;
+
+		const struct gd_v3 o = of_ray(rays, RAY(org_x), i, a->N);
+		const struct gd_v3 d = of_ray(rays, RAY(dir_x), i, a->N);
+		const float t = s->t[((const unsigned *)a->ray)[RAY(id) * a->N + i]];
+
+		if (starts_in(s->scene, triangle, o) ||
+		    ends_in(s->scene, triangle, gd_mad(o, t, d), t))
 			a->valid[i] = 0;
+		else
+			s->blocker = triangle;
 	}
 }
 
@@ -294,43 +311,93 @@ unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], cons
 	return found;
 }
 
-bool gd_ray_free(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t)
+uint32_t gd_ray_blocker(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t)
 {
-	const struct gd_v3 end = gd_mad(o, t, d);
-	struct shadow shadow = { .scene = scene, .from = &o, .to = &end, .t = &t };
+	struct shadow shadow = { .scene = scene, .t = &t, .blocker = GD_NO_INDEX };
 	struct RTCRay r = { .org_x = o.x, .org_y = o.y, .org_z = o.z, .tnear = NEAR * largest(o),
 			    .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = stop(t),
 			    .mask = UINT32_MAX };
 
 	if (!(r.tfar > r.tnear))
-		return true;
+		return GD_NO_INDEX;
 	rtcInitIntersectContext(&shadow.context);
 	rtcOccluded1(scene->rays, &shadow.context, &r);
-	return r.tfar >= 0;
+	return r.tfar >= 0 ? GD_NO_INDEX : shadow.blocker;
+}
+
+bool gd_ray_free(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t)
+{
+	return gd_ray_blocker(scene, o, d, t) == GD_NO_INDEX;
+}
+
+#define LANES(v, member) ((gd_f4){ v[0] member, v[1] member, v[2] member, v[3] member })
+#define VECTORS(v) gd_v34(LANES(v, .x), LANES(v, .y), LANES(v, .z))
+
+static inline gd_f4 largest4(struct gd_v34 v)
+{
+	return gd_largest4(gd_v34(gd_abs4(v.x), gd_abs4(v.y), gd_abs4(v.z)));
+}
+
+static inline struct gd_v34 cross4(struct gd_v34 a, struct gd_v34 b)
+{
+	return gd_v34(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+
+/* Rays that start on one side of a triangle's plane and end on the other, both off_plane(). */
+static gd_i4 cross_plane4(struct gd_v3 normal, struct gd_v3 a, const struct gd_v34 *o,
+			  const struct gd_v34 *d, gd_f4 t)
+{
+	const struct gd_v34 n = gd_v34_all(normal), start = gd_sub4(*o, gd_v34_all(a));
+	const gd_f4 from = gd_dot4(n, start), along = gd_dot4(n, *d);
+	const gd_f4 far = largest4(*o) + largest(a);
+	const gd_i4 endless = t == INFINITY;
+	const gd_f4 to = gd_pick4(endless, along, from + t * along);
+	const gd_f4 most = gd_pick4(endless, gd_all4(1), 2 * (far + t));
+
+	return (from * to < 0) & (gd_abs4(from) > 1e-5f * far) & (gd_abs4(to) > 1e-5f * most);
+}
+
+/* Barycentric coordinates as Moeller and Trumbore (1997) have them, with edges f and e. */
+gd_i4 gd_ray_blocked4(const struct gd_scene *scene, uint32_t triangle, const struct gd_v34 *o,
+		      const struct gd_v34 *d, gd_f4 t)
+{
+	const struct gd_triangle *tri = &scene->triangle[triangle];
+	const struct gd_v3 a = scene->vertex[tri->vertex[0]];
+	const struct gd_v3 f = gd_sub(scene->vertex[tri->vertex[1]], a),
+			   e = gd_sub(scene->vertex[tri->vertex[2]], a);
+	const struct gd_v34 f4 = gd_v34_all(f), s = gd_sub4(*o, gd_v34_all(a));
+	const struct gd_v34 p = cross4(*d, gd_v34_all(e)), q = cross4(s, f4);
+	const gd_f4 det = gd_dot4(f4, p), u = gd_dot4(s, p) / det, v = gd_dot4(*d, q) / det;
+	/* what roundings of u and v grow with; a thousand times their unit stays below INSIDE */
+	const gd_i4 exact = largest4(s) * (largest(e) + largest(f)) < 1e3f * gd_abs4(det);
+
+	return exact & (u > INSIDE) & (v > INSIDE) & (u + v < 1 - INSIDE) &
+	       cross_plane4(tri->normal, a, o, d, t);
 }
 
 unsigned gd_ray_free4(const struct gd_scene *scene, const struct gd_v3 o[4],
 		      const struct gd_v3 d[4], const float t[4], unsigned active)
 {
-	struct gd_v3 end[4] = { { 0 } };
-	struct shadow shadow = { .scene = scene, .from = o, .to = end, .t = t };
-	struct RTCRay4 r = { 0 };
-	_Alignas(16) int valid[4];
-	unsigned found = 0;
+	const struct gd_v34 from = VECTORS(o), to = VECTORS(d);
+	const gd_f4 near = NEAR * largest4(from), far = LANES(t, ) * (1 - NEAR);
+	const gd_i4 some = gd_mask4(active), valid = some & (far > near);
+	struct shadow shadow = { .scene = scene, .t = t };
+	struct RTCRay4 r;
+	gd_f4 left;
 
-	for (int k = 0; k < 4; k++) {
-		if (active >> k & 1)
-			end[k] = gd_mad(o[k], t[k], d[k]);
-		fill4(&r, valid, k, active >> k & 1, o[k], d[k], t[k]);
-		if (valid[k] && !(r.tfar[k] > r.tnear[k])) {
-			valid[k] = 0;
-			found |= 1u << k;
-		}
-	}
+	memcpy(r.org_x, &from, sizeof from);
+	memcpy(r.dir_x, &to, sizeof to);
+	memcpy(r.tnear, &near, sizeof near);
+	memcpy(r.tfar, &far, sizeof far);
+	memset(r.time, 0, sizeof r.time);
+	memset(r.flags, 0, sizeof r.flags);
+	memset(r.mask, -1, sizeof r.mask);
+	for (unsigned k = 0; k < 4; k++)
+		r.id[k] = k;
 	rtcInitIntersectContext(&shadow.context);
-	rtcOccluded4(valid, scene->rays, &shadow.context, &r);
-	for (int k = 0; k < 4; k++)
-		if (valid[k] && r.tfar[k] >= 0)
-			found |= 1u << k;
-	return found;
+	if (gd_bits4(valid) == 15)
+		shadow.context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+	rtcOccluded4((const int *)&valid, scene->rays, &shadow.context, &r);
+	memcpy(&left, r.tfar, sizeof left);
+	return gd_bits4(some & ~(valid & (left < 0)));
 }

@@ -149,8 +149,14 @@ unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], cons
 /* Is nothing between o and o + t d? Both ends may lie on surfaces, which do not count; t may be
  * INFINITY. */
 bool gd_ray_free(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t);
+/* A triangle that is between, or GD_NO_INDEX. */
+uint32_t gd_ray_blocker(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t);
 unsigned gd_ray_free4(const struct gd_scene *scene, const struct gd_v3 o[4],
 		      const struct gd_v3 d[4], const float t[4], unsigned active);
+
+/* The lanes that a triangle blocks beyond doubt: gd_ray_free4() would say so, too. */
+gd_i4 gd_ray_blocked4(const struct gd_scene *scene, uint32_t triangle, const struct gd_v34 *o,
+		      const struct gd_v34 *d, gd_f4 t);
 
 /* --- texture.c --- */
 

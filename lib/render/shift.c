@@ -224,7 +224,7 @@ static void light_there(struct gd_walk *w, const struct gd_light_sample *s, stru
 }
 
 /* The same light seen from vertices of their own. */
-static void light_own(struct gd_walk *w, const struct gd_light_sample *s)
+static void light_own(struct gd_walk *w, const struct gd_light_sample *s, uint32_t blocker)
 {
 	struct gd_offsets *o = &w->o;
 	struct gd_light_sample4 again;
@@ -245,21 +245,25 @@ static void light_own(struct gd_walk *w, const struct gd_light_sample *s)
 	jacobian = s->pdf / again.pdf;
 	f = gd_mul4(gd_scale4(o->t, jacobian), gd_mul4(f, again.radiance));
 	by_bsdf = o->q * survival(w, o->t, o->q) * jacobian * pdf;
-	open = at & are_free(w, &o->p, &again.d, again.t, at);
+	open = at;
+	if (blocker != GD_NO_INDEX)	/* most often it is in their way as well */
+		open &= ~gd_ray_blocked4(w->scene, blocker, &o->p, &again.d, again.t);
+	if (gd_any4(open))
+		open &= are_free(w, &o->p, &again.d, again.t, open);
 	o->fy = gd_v34_pick(o->own, gd_v34_only(open, f), o->fy);
 	o->qy = gd_pick4(at, o->q * s->pdf + gd_only4(open, by_bsdf), o->qy);
 }
 
 void gd_shift_light(struct gd_walk *w, const struct gd_light_sample *s, struct gd_v3 f,
-		    float pdf_bsdf, bool seen)
+		    float pdf_bsdf, uint32_t blocker)
 {
 	struct gd_offsets *o = &w->o;
 
 	nothing(o);
 	if (gd_any4(o->shared | (o->pending & o->join)))
-		light_there(w, s, f, pdf_bsdf, seen);
+		light_there(w, s, f, pdf_bsdf, blocker == GD_NO_INDEX);
 	if (gd_any4(o->own))
-		light_own(w, s);
+		light_own(w, s, blocker);
 }
 
 /* --- scattering --- */

@@ -25,7 +25,7 @@ struct gd_offsets {
 	 * the event at y_{k-1}; join_t and join_q with it, if it joins. */
 	struct gd_v34 t, join_t;
 	gd_f4 q, join_q;
-	gd_f4 survive;			/* probability of the event under way to scatter at its vertex */
+	gd_f4 survive;			/* probability to scatter in the event under way */
 	gd_f4 r;			/* samples of its pixel over those of the base's */
 	struct gd_v34 p;		/* own, pending: its last vertex */
 	const struct gd_bsdf *b[4];
@@ -74,8 +74,8 @@ struct gd_v3 gd_walk_camera(const struct gd_view *view, int w, int h, float px, 
  * What the offset paths do at each stage. Each leaves in fy, qy of every offset path what it
  * contributes to the path that ends there.
  * start: their camera rays, through the same point at of their pixel and of the lens.
- * light: the light sample s of x_k, which the base path sees or does not see; f, pdf_bsdf: what
- *	the vertex reflects of it, and the density with which it would have sampled it.
+ * light: the light sample s of x_k; f, pdf_bsdf: what the vertex reflects of it, and the density
+ *	with which it would have sampled it; blocker: a triangle between, or GD_NO_INDEX.
  * resolve: the base path goes on, to scatter event s. After its t was divided by survive.
  * follow: event s has led the base path to a. Before the walk's t and last become those of s.
  * ambient: an ambient light at the vertex reached.
@@ -83,7 +83,7 @@ struct gd_v3 gd_walk_camera(const struct gd_view *view, int w, int h, float px, 
  */
 void gd_shift_start(struct gd_walk *w, const float at[2], const float lens[2]);
 void gd_shift_light(struct gd_walk *w, const struct gd_light_sample *s, struct gd_v3 f,
-		    float pdf_bsdf, bool seen);
+		    float pdf_bsdf, uint32_t blocker);
 void gd_shift_resolve(struct gd_walk *w, const struct gd_scatter *s);
 void gd_shift_follow(struct gd_walk *w, const struct gd_scatter *s, const struct gd_arrival *a);
 void gd_shift_ambient(struct gd_walk *w, const struct gd_arrival *a);

@@ -143,6 +143,45 @@ static void packets(void **state)
 	gd_scene_free(s);
 }
 
+/* What blocks a ray blocks its neighbours, or there is doubt about it. */
+static void blockers(void **state)
+{
+	struct gd_scene *s = soup(300);
+	int blocked = 0, without = 0;
+
+	(void)state;
+	for (int ray = 0; ray < 4000; ray++) {
+		const struct gd_v3 o = gd_v3((float)(4 * rnd()), (float)(3 * rnd()), (float)(2 * rnd()));
+		const struct gd_v3 d = rnd_direction();
+		const float t = ray % 4 ? (float)(3 * rnd()) : INFINITY;
+		const uint32_t triangle = gd_ray_blocker(s, o, d, t);
+		struct gd_v34 from, to;
+		unsigned sure;
+
+		assert_int_equal(triangle == GD_NO_INDEX, gd_ray_free(s, o, d, t));
+		if (triangle == GD_NO_INDEX)
+			continue;
+		for (int k = 0; k < 4; k++) {
+			const float spread = 0.05f * (float)k;
+
+			gd_v34_put(&from, k, gd_mad(o, spread, rnd_direction()));
+			gd_v34_put(&to, k, gd_unit(gd_mad(d, spread, rnd_direction())));
+		}
+		sure = gd_bits4(gd_ray_blocked4(s, triangle, &from, &to, gd_all4(t)));
+		without += !(sure & 1);
+		for (int k = 0; k < 4; k++) {
+			if (!(sure >> k & 1))
+				continue;
+			blocked++;
+			assert_false(gd_ray_free(s, gd_v34_lane(&from, k), gd_v34_lane(&to, k), t));
+		}
+	}
+	assert_true(blocked > 1000);
+	/* lane 0 is the ray itself: no doubt but near edges */
+	assert_true(without < 50);
+	gd_scene_free(s);
+}
+
 /* A direction at slope (sine of the angle) to the plane of n. */
 static struct gd_v3 grazing(struct gd_v3 n, double slope)
 {
@@ -433,6 +472,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(nearest),	cmocka_unit_test(packets),
+		cmocka_unit_test(blockers),
 		cmocka_unit_test(no_self_hits), cmocka_unit_test(flat_floor),
 		cmocka_unit_test(needles),
 		cmocka_unit_test(shading),	cmocka_unit_test(threads),
