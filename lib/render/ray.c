@@ -234,22 +234,40 @@ static float stop(float t)
 	return t * (1 - NEAR);
 }
 
-static void fill4(struct RTCRay4 *r, int valid[4], int k, bool active, struct gd_v3 o,
-		  struct gd_v3 d, float t)
+#define LANES(v, member) ((gd_f4){ v[0] member, v[1] member, v[2] member, v[3] member })
+#define VECTORS(v) gd_v34(LANES(v, .x), LANES(v, .y), LANES(v, .z))
+
+static inline gd_f4 largest4(struct gd_v34 v)
 {
-	valid[k] = active ? -1 : 0;
-	if (!active)
-		return;
-	r->org_x[k] = o.x;
-	r->org_y[k] = o.y;
-	r->org_z[k] = o.z;
-	r->tnear[k] = NEAR * largest(o);
-	r->dir_x[k] = d.x;
-	r->dir_y[k] = d.y;
-	r->dir_z[k] = d.z;
-	r->tfar[k] = stop(t);
-	r->mask[k] = UINT32_MAX;
-	r->id[k] = (unsigned)k;
+	return gd_largest4(gd_v34(gd_abs4(v.x), gd_abs4(v.y), gd_abs4(v.z)));
+}
+
+static inline void put4(float to[4], gd_f4 v)
+{
+	memcpy(to, &v, sizeof v);
+}
+
+/* Returns which of the rays there are. */
+static inline gd_i4 fill4(struct RTCRay4 *r, const struct gd_v3 o[4], const struct gd_v3 d[4],
+			  gd_f4 far, unsigned active)
+{
+	const struct gd_v34 from = VECTORS(o), to = VECTORS(d);
+	const gd_f4 near = NEAR * largest4(from);
+
+	put4(r->org_x, from.x);
+	put4(r->org_y, from.y);
+	put4(r->org_z, from.z);
+	put4(r->tnear, near);
+	put4(r->dir_x, to.x);
+	put4(r->dir_y, to.y);
+	put4(r->dir_z, to.z);
+	put4(r->tfar, far);
+	memset(r->time, 0, sizeof r->time);
+	memset(r->flags, 0, sizeof r->flags);
+	memset(r->mask, -1, sizeof r->mask);
+	for (unsigned k = 0; k < 4; k++)
+		r->id[k] = k;
+	return gd_mask4(active) & (far > near);
 }
 
 /* The nearest hit beyond near. */
@@ -287,16 +305,13 @@ unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], cons
 		     unsigned active, struct gd_hit hit[4])
 {
 	struct RTCIntersectContext context;
-	struct RTCRayHit4 r = { 0 };
-	_Alignas(16) int valid[4];
+	struct RTCRayHit4 r;
+	const gd_i4 valid = fill4(&r.ray, o, d, gd_all4(INFINITY), active);
 	unsigned found = 0;
 
-	for (int k = 0; k < 4; k++) {
-		fill4(&r.ray, valid, k, active >> k & 1, o[k], d[k], INFINITY);
-		r.hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
-	}
+	memset(r.hit.geomID, -1, sizeof r.hit.geomID);		/* RTC_INVALID_GEOMETRY_ID */
 	rtcInitIntersectContext(&context);
-	rtcIntersect4(valid, scene->rays, &context, &r);
+	rtcIntersect4((const int *)&valid, scene->rays, &context, &r);
 	for (int k = 0; k < 4; k++) {
 		bool is_hit = valid[k] && r.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID;
 
@@ -328,14 +343,6 @@ uint32_t gd_ray_blocker(const struct gd_scene *scene, struct gd_v3 o, struct gd_
 bool gd_ray_free(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, float t)
 {
 	return gd_ray_blocker(scene, o, d, t) == GD_NO_INDEX;
-}
-
-#define LANES(v, member) ((gd_f4){ v[0] member, v[1] member, v[2] member, v[3] member })
-#define VECTORS(v) gd_v34(LANES(v, .x), LANES(v, .y), LANES(v, .z))
-
-static inline gd_f4 largest4(struct gd_v34 v)
-{
-	return gd_largest4(gd_v34(gd_abs4(v.x), gd_abs4(v.y), gd_abs4(v.z)));
 }
 
 static inline struct gd_v34 cross4(struct gd_v34 a, struct gd_v34 b)
@@ -378,26 +385,15 @@ gd_i4 gd_ray_blocked4(const struct gd_scene *scene, uint32_t triangle, const str
 unsigned gd_ray_free4(const struct gd_scene *scene, const struct gd_v3 o[4],
 		      const struct gd_v3 d[4], const float t[4], unsigned active)
 {
-	const struct gd_v34 from = VECTORS(o), to = VECTORS(d);
-	const gd_f4 near = NEAR * largest4(from), far = LANES(t, ) * (1 - NEAR);
-	const gd_i4 some = gd_mask4(active), valid = some & (far > near);
 	struct shadow shadow = { .scene = scene, .t = t };
 	struct RTCRay4 r;
+	const gd_i4 valid = fill4(&r, o, d, LANES(t, ) * (1 - NEAR), active);
 	gd_f4 left;
 
-	memcpy(r.org_x, &from, sizeof from);
-	memcpy(r.dir_x, &to, sizeof to);
-	memcpy(r.tnear, &near, sizeof near);
-	memcpy(r.tfar, &far, sizeof far);
-	memset(r.time, 0, sizeof r.time);
-	memset(r.flags, 0, sizeof r.flags);
-	memset(r.mask, -1, sizeof r.mask);
-	for (unsigned k = 0; k < 4; k++)
-		r.id[k] = k;
 	rtcInitIntersectContext(&shadow.context);
 	if (gd_bits4(valid) == 15)
 		shadow.context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
 	rtcOccluded4((const int *)&valid, scene->rays, &shadow.context, &r);
 	memcpy(&left, r.tfar, sizeof left);
-	return gd_bits4(some & ~(valid & (left < 0)));
+	return active & gd_bits4(~(valid & (left < 0)));
 }

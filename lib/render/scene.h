@@ -143,7 +143,8 @@ struct gd_hit {
 /* Nearest hit from o along d (length 1). o may lie on a surface: triangles in whose plane a ray
  * starts are passed by. */
 bool gd_ray_hit(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, struct gd_hit *hit);
-/* Up to 4 at once; active: bit k is ray k. Returns the bits that hit. */
+/* Up to 4 at once; active: bit k is ray k. Returns the bits that hit. The others are read, too, but
+ * may be anything. */
 unsigned gd_ray_hit4(const struct gd_scene *scene, const struct gd_v3 o[4], const struct gd_v3 d[4],
 		     unsigned active, struct gd_hit hit[4]);
 /* Is nothing between o and o + t d? Both ends may lie on surfaces, which do not count; t may be

@@ -8,10 +8,10 @@ static float around(float u, int n, bool clamp, int *a, int *b)
 
 	if (!isfinite(u))
 		u = 0;
-	u = clamp ? fminf(fmaxf(u, 0), 1) : u - floorf(u);
+	u = clamp ? gd_at_most(gd_at_least(u, 0), 1) : u - floorf(u);
 	x = u * (float)n - 0.5f;
-	down = floorf(x);
-	*a = (int)down;
+	*a = (int)x - (x < 0);		/* the floor, as x >= -1/2 */
+	down = (float)*a;
 	*b = *a + 1;
 	if (clamp) {
 		*a = *a < 0 ? 0 : *a;

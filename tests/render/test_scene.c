@@ -151,8 +151,8 @@ static void blockers(void **state)
 
 	(void)state;
 	for (int ray = 0; ray < 4000; ray++) {
-		const struct gd_v3 o = gd_v3((float)(4 * rnd()), (float)(3 * rnd()), (float)(2 * rnd()));
-		const struct gd_v3 d = rnd_direction();
+		const float x = (float)(4 * rnd()), y = (float)(3 * rnd()), z = (float)(2 * rnd());
+		const struct gd_v3 o = gd_v3(x, y, z), d = rnd_direction();
 		const float t = ray % 4 ? (float)(3 * rnd()) : INFINITY;
 		const uint32_t triangle = gd_ray_blocker(s, o, d, t);
 		struct gd_v34 from, to;
