@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Renders a scene in passes, each where the one before says that samples help, and denoises it.
 #	adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
-# Passes cost as much as so many plain samples a pixel; a third of their samples trace gradients, which costs
+# Passes cost as much as so many plain samples a pixel; half of their samples trace gradients, which costs
 # more. The first pass is even. Then, until all passes are done:
 #	gdmerge pass*.exr | gdfeature | gdapr		what all samples say so far, and its error
 #	gdsample					where the next ones go
@@ -18,12 +18,12 @@ usage() {
 usage: adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
   -n SPP      what each pass costs, in plain samples a pixel (32)
   -p PASSES   passes in all, 1 to 99 (3)
-  -g WHAT     gradients: with this share of the samples (0.35), all, none, or where a trial says (auto)
+  -g WHAT     gradients: with this share of the samples (0.5), all, none, or where a trial says (auto)
   -u          uniform: every pass is even
   -f SPP      the same of the first pass (a third); 4 samples at least where -g is auto
   -d TOOL     denoiser of the result: gdapr or gdlwr (gdapr)
   -b BINS     bins of a pass, 4 to 64 (8)
-  -c COST     of a sample with gradients, in plain ones (2.2)
+  -c COST     of a sample with gradients, in plain ones (2)
   -s SEED     of the first pass; each pass adds one (1)
   -k DIR      keep passes, maps and figures in DIR, and take passes that are there already
   -q          no progress
@@ -33,7 +33,7 @@ END
 
 fail() { echo "adaptive.sh: $*" >&2; exit 2; }
 
-spp=32 passes=3 gradients=0.35 uniform="" first="" denoiser=gdapr bins=8 cost=2.2 seed=1 keep="" quiet=""
+spp=32 passes=3 gradients=0.5 uniform="" first="" denoiser=gdapr bins=8 cost=2 seed=1 keep="" quiet=""
 while getopts n:p:g:uf:d:b:c:s:k:qh o; do
 	case $o in
 	n) spp=$OPTARG ;;

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # relMSE against seconds, rendering included, of every way to spend them.
 #	render.sh BIN SCENES REFERENCES OUT [NAME ...]
-# A budget is so many plain samples a pixel; a sample that traces gradients counts as 2.2. With each budget
+# A budget is so many plain samples a pixel; a sample that traces gradients counts as 2. With each budget
 # every method renders SCENES/NAME.gltf by itself, where what it renders is not what another renders, too:
 #	path		plain samples, as they are; path-apr, path-lwr: denoised with G-buffers
 #	gpt-l2, gpt-l1	gradients with every sample, solved; gpt-apr, gpt-lwr: gdfeature, then denoised
-#	mixed-apr, -lwr	the same with gradients for a third of the samples
+#	mixed-apr, -lwr	the same with gradients for half of the samples
 #	pairs-l2 ...	gradients between pixels that look alike in a render of 4 plain samples, solved
 #	...-adaptive	three passes of examples/adaptive.sh, the first small: plain ones, with gradients for
-#			every sample (gpt) or for a third (mixed)
+#			every sample (gpt) or for half of them (mixed)
 # Wherever gradients are traced, the colour reuses the offset paths.
 # OUT/NAME.BUDGET/ holds the images; passes and maps of METHOD are in METHOD.exr.passes.
 # REFERENCES/NAME.exr is what they are measured against. What is in OUT already is not rendered again.
@@ -22,7 +22,7 @@ here=$(realpath "$(dirname "$0")")
 PATH=$bin:$here/../../examples:$PATH
 export OMP_WAIT_POLICY=passive
 unset SOURCE_DATE_EPOCH
-budgets=${RENDER_SPP:-16 64} cost=${RENDER_COST:-2.2} share=${RENDER_SHARE:-0.35} clock=${RENDER_TIME:-wall}
+budgets=${RENDER_SPP:-16 64} cost=${RENDER_COST:-2} share=${RENDER_SHARE:-0.5} clock=${RENDER_TIME:-wall}
 methods=${RENDER_METHODS:-path path-apr path-lwr gpt-l2 gpt-l1 gpt-apr gpt-lwr pairs-l2 pairs-l1 mixed-apr mixed-lwr \
 path-adaptive gpt-adaptive mixed-adaptive}
 plain=(--compression none)
