@@ -240,7 +240,8 @@ static bool used(const char *name, void *user)
 		if (!strncmp(name, family[i], n) && name[n + strspn(name + n, "0123456789")] == '.')
 			return true;
 	}
-	if (!strncmp(name, "variance.", 9) && strchr("RGBXYZ", name[9]) && !name[10])
+	if (!strncmp(name, "variance.", 9) && name[9] &&
+	    strchr("RGBXYZ", name[9]) && !name[10])
 		return true;
 	return !strncmp(name, "dx.", 3) || !strncmp(name, "dy.", 3);
 }

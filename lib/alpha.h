@@ -7,8 +7,8 @@
  * has the least
  *	sum over pixels of o^2 / (l^2 + (level / 5)^2)
  * where l is the brightness of 3x3 pixels of the solved image, in the darker half, and level that of
- * the image: a relative error. Halvings and doublings of 0.5 are tried, and a parabola put through the least
- * (which for independent noise is up to 15 % low: 1 % of the error).
+ * the image: a relative error. Halvings and doublings of 0.5 are tried, and a parabola put through
+ * the least (which for independent noise is up to 15 % low: 1 % of the error).
  *
  * Without halves the variances must do: alpha = 0.7 x root of the ratio of the weighted mean
  * variances of gradients and colour. Without the 0.7 this would be best for noise that is
@@ -51,8 +51,8 @@ struct gd_alpha_in {
 /*
  * tolerance: that of the solution alpha is for. Those here reach its root, and with pairs itself: a
  * search without coarse grids that is stopped early knows no low frequencies. Proportional input
- * gives the same alpha, whatever the number of threads. Values that are no numbers are passed over; no
- * noise at all is source NONE. report (may be NULL) hears of the progress.
+ * gives the same alpha, whatever the number of threads. Values that are no numbers are passed over;
+ * no noise at all is source NONE. report (may be NULL) hears of the progress.
  */
 int gd_alpha_choose(struct gd_alpha *alpha, const struct gd_alpha_in *in, double tolerance,
 		    const struct gd_report *report, struct gd_err *err);

@@ -11,13 +11,13 @@
 #define VOTE	3.0	/* most that a pixel is for or against a: in d, so that no firefly rules */
 #define BOUNDED	1.7	/* leverage, times: the bound cuts what it adds more often than what there
 			 * is. 1 to 3: within 0.5 % */
-#define WEIGHT	4.0	/* most that a channel counts: d of twice the luminance */
+#define WEIGHT	4.0	/* most that a channel counts: d of 2.8 times the luminance */
 #define LITTLE	0.1	/* of the image's mean of u d^2: as much of the image's share goes in */
 
 struct votes {
 	const struct gd_gate *gate;
 	struct gd_plane num, den;
-	double dark2, samples;		/* (level / 10)^2; mean of both halves' counts */
+	double dark2, samples;		/* (level / 10)^2; sum of the means of both halves' counts */
 	double *part;			/* two sums for each row */
 };
 

@@ -32,6 +32,25 @@ struct job {
 	const struct gd_report *report;
 };
 
+/* A pixel of a tile, and what its samples in these rounds bring. */
+struct seat {
+	struct gd_path_in in;
+	int slot[GD_PAIRS], edges;
+	uint32_t first, n;		/* its samples: first .. first + n - 1 */
+	double share;
+	struct gd_visit visit;
+};
+
+/* What a thread has for the tile under way. */
+struct tile {
+	int x0, y0, side;
+	struct seat seat[TILE * TILE];
+	/* First vertices, of pixels from (x0 - REACH, y0 - REACH) on; beside each the sample whose
+	 * position it is for, plus 1. */
+	struct gd_vertex vertex[SEEN * SEEN];
+	uint32_t known[SEEN * SEEN];
+};
+
 static double cpu_seconds(void)
 {
 	struct timespec t;
@@ -102,8 +121,9 @@ double gd_render_bytes(const struct gd_render_conf *conf)
 	const struct gd_plan plan = gd_plan(conf);
 	const int layers = 1 + (conf->pairs ? GD_PAIRS : 2);
 
-	/* the image: means, variances and bins of colours, features, numbers of samples */
-	return gd_film_bytes(plan.w, plan.h, conf->bins, conf->reuse) +
+	/* tiles, film, and the image: means, variances and bins of colours, features, numbers */
+	return omp_get_max_threads() * (double)sizeof(struct tile) +
+	       gd_film_bytes(plan.w, plan.h, conf->bins, conf->reuse) +
 	       (double)plan.h * (double)gd_stride(plan.w) * sizeof(float) *
 		       (layers * (9 + 3 * conf->bins) + 2 * GD_FILM_G + 3);
 }
@@ -143,46 +163,28 @@ static struct gd_path_in aim(const struct job *j, int x, int y, int slot[GD_PAIR
 	return in;
 }
 
-/* A pixel of a tile, and what its samples in these rounds bring. */
-struct seat {
-	struct gd_path_in in;
-	int slot[GD_PAIRS], edges;
-	uint32_t first, n;		/* its samples: first .. first + n - 1 */
-	double share;
-	struct gd_visit visit;
-};
-
-/* What a thread has for the tile under way. */
-struct tile {
-	int x0, y0, side;
-	struct seat seat[TILE * TILE];
-	/* First vertices, of pixels from (x0 - REACH, y0 - REACH) on, for the position whose number
-	 * stands beside. */
-	struct gd_vertex vertex[SEEN * SEEN];
-	uint64_t known[SEEN * SEEN];
-};
-
 /*
- * Where in its pixel the sample of number i lies: at the same place in all pixels. In each bin they
- * are points of a lattice that fills the square evenly (multiples of 1/g and 1/g^2, g^3 = g + 1;
- * Roberts 2018). The seed shifts it at random, the bin by multiples of sqrt(2) and sqrt(3), so that
- * a half and all bins together fill it more evenly still.
+ * Where in its pixel sample i lies: at the same place in all pixels. In each bin they are points of
+ * a lattice that fills the square evenly (multiples of 1/g and 1/g^2, g^3 = g + 1; Roberts 2018).
+ * The seed shifts it at random, the even bins and the odd ones each by a shift of its own, as
+ * halves must be independent; within a half multiples of sqrt(2) and sqrt(3) set the bins apart, so
+ * that together they fill the square more evenly still.
  */
 static void place(const struct gd_render_conf *conf, uint32_t i, float at[2])
 {
 	const struct gd_rng_key key = gd_rng_key(conf->seed, PLACES);
 	const uint32_t bins = conf->bins > 1 ? (uint32_t)conf->bins : 1, b = i % bins, t = i / bins;
 	/* multiples of 2^-32, modulo 1 */
-	const uint32_t u = gd_rng_u32(key, 0, 0) + t * 3242174889u + b * 1779033704u;
-	const uint32_t v = gd_rng_u32(key, 0, 1) + t * 2447445414u + b * 3144134277u;
+	const uint32_t u = gd_rng_u32(key, b % 2, 0) + t * 3242174889u + b * 1779033704u;
+	const uint32_t v = gd_rng_u32(key, b % 2, 1) + t * 2447445414u + b * 3144134277u;
 
 	at[0] = (float)(u >> 8) * 0x1p-24f;
 	at[1] = (float)(v >> 8) * 0x1p-24f;
 }
 
-/* The first vertex of a pixel for position number i. */
+/* The first vertex of a pixel for the position of sample i. */
 static const struct gd_vertex *first_vertex(const struct job *j, struct tile *t, int x, int y,
-					    const float at[2], uint64_t i)
+					    const float at[2], uint32_t i)
 {
 	const int k = (y - t->y0 + REACH) * SEEN + x - t->x0 + REACH;
 	const struct gd_render_conf *c = j->conf;
@@ -211,9 +213,9 @@ static uint32_t sit(struct job *j, struct seat *seat, int x, int y, uint32_t rou
 	return seat->n;
 }
 
-/* Sample s of a pixel, at position number i. */
+/* Sample s of a pixel. */
 static void render_sample(struct job *j, struct tile *t, struct seat *seat, int x, int y,
-			  uint32_t s, const float at[2], uint64_t i)
+			  uint32_t s, const float at[2])
 {
 	const uint32_t bins = j->conf->bins > 1 ? (uint32_t)j->conf->bins : 1, n = s / bins;
 	struct gd_path_in *in = &seat->in;
@@ -224,9 +226,9 @@ static void render_sample(struct job *j, struct tile *t, struct seat *seat, int 
 		seat->edges : 0;
 	in->at = at;
 	if (j->pinhole) {
-		in->first = first_vertex(j, t, x, y, at, i);
+		in->first = first_vertex(j, t, x, y, at, s);
 		for (int k = 0; k < in->n; k++)
-			in->others[k] = first_vertex(j, t, x + in->dx[k], y + in->dy[k], at, i);
+			in->others[k] = first_vertex(j, t, x + in->dx[k], y + in->dy[k], at, s);
 	}
 	j->sample(j->user, &j->conf->path, in, &draw, &out);
 	gd_visit_add(&seat->visit, &j->film, &out, in->n, seat->slot, (int)(s % bins));
@@ -240,25 +242,27 @@ static unsigned long long render_tile(struct job *j, struct tile *t, uint32_t ro
 {
 	const int w = t->x0 + t->side > j->plan.w ? j->plan.w - t->x0 : t->side;
 	const int h = t->y0 + t->side > j->plan.h ? j->plan.h - t->y0 : t->side;
-	const uint64_t begin = (uint64_t)j->most * j->rounds;
 	unsigned long long sum = 0;
-	uint32_t most = 0;
+	uint32_t begin = UINT32_MAX, end = 0;
 
 	memset(t->known, 0, sizeof t->known);
 	for (int k = 0; k < w * h; k++) {
-		const uint32_t n = sit(j, &t->seat[k], t->x0 + k % w, t->y0 + k / w, rounds);
+		struct seat *seat = &t->seat[k];
 
-		most = n > most ? n : most;
-		sum += n;
+		if (!sit(j, seat, t->x0 + k % w, t->y0 + k / w, rounds))
+			continue;
+		sum += seat->n;
+		begin = seat->first < begin ? seat->first : begin;
+		end = seat->first + seat->n > end ? seat->first + seat->n : end;
 	}
-	for (uint32_t i = 0; i < most; i++) {
+	for (uint32_t i = begin; i < end; i++) {
 		float at[2];
 
-		place(j->conf, (uint32_t)(begin + i), at);
+		place(j->conf, i, at);
 		for (int k = 0; k < w * h; k++)
-			if (i < t->seat[k].n)
-				render_sample(j, t, &t->seat[k], t->x0 + k % w, t->y0 + k / w,
-					      t->seat[k].first + i, at, i);
+			if (i - t->seat[k].first < t->seat[k].n)
+				render_sample(j, t, &t->seat[k], t->x0 + k % w, t->y0 + k / w, i,
+					      at);
 	}
 	for (int k = 0; k < w * h; k++)
 		if (t->seat[k].n)

@@ -22,13 +22,14 @@
  * as it has. If no pixel has two samples there are no variances.
  *
  * Sample i lies at the same position in every pixel, one of a sequence that fills the pixel evenly
- * in each bin and half. With a pinhole, offset paths then begin at the first vertices that the base
- * paths of their pixels have found, for no ray of their own.
+ * in each bin and half; the sequences of the halves are independent. With a pinhole, offset paths
+ * then begin at the first vertices that the base paths of their pixels have found, for no ray of
+ * their own.
  *
- * Beyond that pixels are computed one by one from random numbers of their own: the same seed gives the same
- * bits with any number of threads, and a crop the same pixels as the whole (but for the gradients
- * at its edge, and with reuse the colours there). A limit of time leaves the number of samples to
- * the clock.
+ * Beyond that pixels are computed one by one from random numbers of their own: the same seed gives
+ * the same bits with any number of threads, and a crop the same pixels as the whole (but for the
+ * gradients at its edge, with reuse the colours there, and variances that a pixel has none of its
+ * own to tell). A limit of time leaves the number of samples to the clock.
  */
 #ifndef GD_RENDER_RENDER_H
 #define GD_RENDER_RENDER_H
@@ -49,7 +50,8 @@ struct gd_render_conf {
 	double share;			/* of the samples that trace offset paths, 0 .. 1 */
 	struct gd_plane shares;		/* the same for each pixel of the crop; v = NULL: share */
 	const struct gd_pairs *pairs;	/* gradients along these instead of dx and dy, or NULL;
-					   of the size of the whole image or of the crop */
+					   of the size of the whole image or of the crop, none
+					   longer than GD_PAIR_REACH either way */
 	int bins;			/* 2 .. GD_RENDER_BINS; 0: none are written */
 	double seconds;			/* > 0: renders as many rounds, of one sample a pixel or of
 					   what counts has, as can be expected to end in that time,
