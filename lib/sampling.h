@@ -13,8 +13,9 @@
  * with the one c that spends the total. Estimates of the error scatter more than errors do, so what
  * rho_i is to be expected, given its estimate, lies nearer to the others: the power `trust` of the
  * estimate stands for rho_i in u_i (regression to the mean, of logarithms). lo is a share of the
- * even map, so that regions whose error was under-estimated do not starve. Source: the constrained minimum is ours; Moon et al. 2015,
- * section 5.2, have a_i = c rho_i n_i^-p without bounds, which paper asks for.
+ * even map, so that regions whose error was under-estimated do not starve. Source: the constrained
+ * minimum is ours; Moon et al. 2015, section 5.2, have a_i = c rho_i n_i^-p without bounds, which
+ * paper asks for.
  *
  * Whole numbers: the fractions of a_i are rounded systematically along a path that visits the
  * pixels of a tile by a Hilbert curve, so that the counts of any neighbourhood add up to what they

@@ -375,12 +375,10 @@ gd_i4 gd_light_again4(const struct gd_scene *scene, const struct gd_v34 *from,
 
 /* --- what a ray meets --- */
 
-struct gd_v3 gd_light_emitted(const struct gd_scene *scene, const struct gd_hit *hit,
-			      struct gd_v3 wo)
+struct gd_v3 gd_light_emitted(const struct gd_scene *scene, const struct gd_hit *hit)
 {
 	const struct gd_material *m = &scene->material[scene->triangle[hit->triangle].material];
 
-	(void)wo;	/* both sides emit the same everywhere */
 	return emission_at(scene, m, hit->u, hit->v);
 }
 

@@ -89,7 +89,7 @@ static void look(const struct gd_scene *scene, struct gd_v3 o, struct gd_v3 d, s
 		to->radiance = gd_environment_at(scene, d);
 		return;
 	}
-	to->radiance = gd_light_emitted(scene, &to->hit, gd_scale(d, -1));
+	to->radiance = gd_light_emitted(scene, &to->hit);
 	to->solid = gd_bsdf_at(&to->b, scene, &to->hit, gd_scale(d, -1));
 }
 

@@ -204,10 +204,9 @@ gd_i4 gd_light_again4(const struct gd_scene *scene, const struct gd_v34 *from,
 		      const struct gd_light_sample *s, gd_i4 active,
 		      struct gd_light_sample4 *again);
 
-/* Radiance that leaves an emissive triangle at hit towards wo; 0 if it does not emit. Both sides
- * emit the same in all directions, as glTF's emission does. */
-struct gd_v3 gd_light_emitted(const struct gd_scene *scene, const struct gd_hit *hit,
-			      struct gd_v3 wo);
+/* Radiance that leaves an emissive triangle at hit, 0 if it does not emit: the same on both sides
+ * and in all directions, as glTF's emission does. */
+struct gd_v3 gd_light_emitted(const struct gd_scene *scene, const struct gd_hit *hit);
 /* Density, by solid angle at the point where the ray d (length 1) to hit started, with which
  * gd_light_sample() would have made it; 0 for triangles that are not lights. */
 float gd_light_pdf(const struct gd_scene *scene, const struct gd_hit *hit, struct gd_v3 d);

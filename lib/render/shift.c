@@ -106,7 +106,7 @@ static void arrive(struct gd_walk *w, int k, bool met, const struct rays *r,
 {
 	struct gd_offsets *o = &w->o;
 	const struct gd_v3 back = gd_scale(r->d[k], -1);
-	const struct gd_v3 light = met ? gd_light_emitted(w->scene, hit, back) :
+	const struct gd_v3 light = met ? gd_light_emitted(w->scene, hit) :
 					 gd_environment_at(w->scene, r->d[k]);
 
 	gd_v34_put(&o->fy, k, gd_mul(gd_v34_lane(&o->t, k), light));
