@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Renders a scene in passes, each where the one before says that samples help, and denoises it.
 #	adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
-# Passes cost as much as so many plain samples a pixel; half of their samples trace gradients, which costs
-# more. The first pass is even. Then, until all passes are done:
+# Passes cost as much as so many plain samples a pixel; one that traces gradients counts as two. The first pass
+# is even. Then, until all passes are done:
 #	gdmerge pass*.exr | gdfeature | gdapr		what all samples say so far, and its error
 #	gdsample					where the next ones go
 #	gdrender --sampling --gradients			the next pass, of another seed
-# With -g auto the first pass traces gradients with every sample, and gdsample --gradients says from it which
-# samples of the next ones should; where they turn out to gain less than 5 %, later passes do without them, and
-# so does the result.
+# With -g auto gdsample --gradients says which samples of the next passes should trace gradients; where they
+# turn out to gain less than 5 %, later passes do without them, and so does the result.
 set -euo pipefail
 export OMP_WAIT_POLICY=${OMP_WAIT_POLICY:-passive}
 
@@ -18,7 +17,7 @@ usage() {
 usage: adaptive.sh [options] scene.gltf clean.exr [-- options of gdrender]
   -n SPP      what each pass costs, in plain samples a pixel (32)
   -p PASSES   passes in all, 1 to 99 (3)
-  -g WHAT     gradients: with this share of the samples (0.5), all, none, or where a trial says (auto)
+  -g WHAT     gradients: with all samples (all), none, this share of them, or where a trial says (auto)
   -u          uniform: every pass is even
   -f SPP      the same of the first pass (a third); 4 samples at least where -g is auto
   -d TOOL     denoiser of the result: gdapr or gdlwr (gdapr)
@@ -33,7 +32,7 @@ END
 
 fail() { echo "adaptive.sh: $*" >&2; exit 2; }
 
-spp=32 passes=3 gradients=0.5 uniform="" first="" denoiser=gdapr bins=8 cost=2 seed=1 keep="" quiet=""
+spp=32 passes=3 gradients=all uniform="" first="" denoiser=gdapr bins=8 cost=2 seed=1 keep="" quiet=""
 while getopts n:p:g:uf:d:b:c:s:k:qh o; do
 	case $o in
 	n) spp=$OPTARG ;;
