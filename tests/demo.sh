@@ -98,25 +98,25 @@ fi
 # ---- rendered here ----
 
 scenes=$(dirname "$0")/../testdata/scenes
-loop=$out/render/kitchen.128/gpt-adaptive.exr.passes
+loop=$out/render/kitchen.192/gpt-adaptive.exr.passes
 if ! command -v gdrender >/dev/null; then
 	echo "nothing rendered: gdrender was not built, it needs Embree, assimp and cJSON (make deps; make)"
 else
 	echo
 	echo "kitchen, rendered at 192x144: a reference; even passes, and passes that go where samples help"
 	bin=$(dirname "$(command -v gdrender)")
-	REF_SIZE=192x144 REF_PASSES=2 REF_SPP=${DEMO_REFERENCE:-128} \
+	REF_SIZE=192x144 REF_PASSES=2 REF_SPP=${DEMO_REFERENCE:-192} \
 		"$(dirname "$0")/references.sh" "$bin" "$scenes" "$out/references" kitchen
-	RENDER_SPP=${DEMO_SPP:-32 128} RENDER_METHODS="path path-apr gpt-l2 gpt-apr path-adaptive gpt-adaptive" \
+	RENDER_SPP=${DEMO_SPP:-48 192} RENDER_METHODS="path path-apr gpt-l2 gpt-apr path-adaptive gpt-adaptive" \
 		"$(dirname "$0")/bench/render.sh" "$bin" "$scenes" "$out/references" "$out/render" kitchen >"$out/render.log"
 	sed 1,/^relMSE/d "$out/render.log" | cat <(echo "relMSE at equal time, rendering included, and its ratio to path-apr:") -
 	cp "$out/render/render.tsv" "$out/render.tsv"
 	[ -f "$out/render/render.png" ] && cp "$out/render/render.png" "$out/render.png"
 	if [ -f "$out/reference.png" ] && [ -d "$loop" ]; then
-		gdshow --sheet --zoom 2 --columns 3 --labels "path 128 spp,denoised,gradients L2,gradients denoised,3 passes,reference" \
-			-o "$out/rendered.png" "$out/render/kitchen.128/path.exr" "$out/render/kitchen.128/path-apr.exr" \
-			"$out/render/kitchen.128/gpt-l2.exr" "$out/render/kitchen.128/gpt-apr.exr" \
-			"$out/render/kitchen.128/gpt-adaptive.exr" "$out/references/kitchen.exr"
+		gdshow --sheet --zoom 2 --columns 3 --labels "path 192 spp,denoised,gradients L2,gradients denoised,3 passes,reference" \
+			-o "$out/rendered.png" "$out/render/kitchen.192/path.exr" "$out/render/kitchen.192/path-apr.exr" \
+			"$out/render/kitchen.192/gpt-l2.exr" "$out/render/kitchen.192/gpt-apr.exr" \
+			"$out/render/kitchen.192/gpt-adaptive.exr" "$out/references/kitchen.exr"
 		gdshow --layer sampling --legend --zoom 2 "$loop/map2.exr" "$out/passes.png"
 	fi
 fi
