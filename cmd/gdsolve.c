@@ -234,14 +234,10 @@ static bool used(const char *name, void *user)
 	static const char *const family[] = { "pair", "bin", "half" };
 
 	(void)user;
-	for (int i = 0; i < 3; i++) {
-		const size_t n = strlen(family[i]);
-
-		if (!strncmp(name, family[i], n) && name[n + strspn(name + n, "0123456789")] == '.')
+	for (int i = 0; i < 3; i++)
+		if (gd_in_family(name, family[i]))
 			return true;
-	}
-	if (!strncmp(name, "variance.", 9) && name[9] &&
-	    strchr("RGBXYZ", name[9]) && !name[10])
+	if (!strncmp(name, "variance.", 9) && name[9] && strchr("RGBXYZ", name[9]) && !name[10])
 		return true;
 	return !strncmp(name, "dx.", 3) || !strncmp(name, "dy.", 3);
 }

@@ -59,8 +59,7 @@ more=("$@")
 [[ $passes =~ ^[1-9][0-9]?$ ]] || fail "-p $passes: expected 1 to 99"
 [[ $spp =~ ^[0-9]+([.][0-9]+)?$ && ${first:-1} =~ ^[0-9]+([.][0-9]+)?$ ]] || fail "-n $spp -f $first: expected numbers"
 case $gradients in
-auto) share=1 ;;
-all) share=1 ;;
+auto | all) share=1 ;;
 none) share=0 ;;
 *) share=$gradients ;;
 esac

@@ -153,8 +153,7 @@ int gd_bins(const struct gd_image *im, const char *layer)
 	return n;
 }
 
-/* prefix, digits (none is fine), a dot */
-static bool in_family(const char *name, const char *prefix)
+bool gd_in_family(const char *name, const char *prefix)
 {
 	size_t n = strlen(prefix);
 
@@ -170,7 +169,7 @@ int gd_family_want(struct gd_image *im, const char *prefix, enum gd_want want)
 	int n = 0;
 
 	for (int i = 0; i < im->nchan; i++)
-		if (in_family(im->chan[i].name, prefix)) {
+		if (gd_in_family(im->chan[i].name, prefix)) {
 			im->chan[i].want = want;
 			n++;
 		}

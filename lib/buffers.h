@@ -38,6 +38,9 @@ int gd_layer_add(struct gd_image *im, const char *layer, int n,
 		 struct gd_plane plane[GD_LAYER_PLANES], struct gd_err *err);
 /* Number of consecutive bins bin0 .. bin<n-1> that hold layer ("" colour, "dx", ...). */
 int gd_bins(const struct gd_image *im, const char *layer);
+/* Is a name that prefix, then digits (none is fine), then a dot? */
+bool gd_in_family(const char *name, const char *prefix);
+
 /* Sets want for every channel whose name starts with prefix ("bin", "half", ...) followed by a
  * digit and a dot, or prefix and a dot: the whole family. */
 int gd_family_want(struct gd_image *im, const char *prefix, enum gd_want want);

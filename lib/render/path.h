@@ -82,7 +82,8 @@ struct gd_path_out {
 	int hits;			/* 1 if there was such a surface, else 0 */
 };
 
-/* What the ray from a pinhole through (px, py) of an image of w x h finds. */
+/* What the ray from a pinhole through (px, py) finds; pixels from the upper left corner of an image
+ * of w x h, y down, also outside of it. */
 void gd_path_first(const struct gd_scene *scene, int w, int h, float px, float py,
 		   struct gd_vertex *first);
 

@@ -66,6 +66,19 @@ static bool fits(struct gd_plane p, int w, int h)
 	return !p.v || (p.w == w && p.h == h);
 }
 
+/* What a tile keeps of its neighbourhood reaches so far. */
+static int check_reach(const struct gd_pairs *pairs, struct gd_err *err)
+{
+	for (int k = 0; k < GD_PAIRS; k++)
+		for (size_t i = 0; i < (size_t)pairs->w * (size_t)pairs->h; i++)
+			if (abs(pairs->dx[k][i]) > REACH || abs(pairs->dy[k][i]) > REACH)
+				return gd_fail(err, GD_EARG, "pair%d is %d,%d at pixel %zu,%zu: "
+					       "expected no more than %d", k, pairs->dx[k][i],
+					       pairs->dy[k][i], i % (size_t)pairs->w,
+					       i / (size_t)pairs->w, REACH);
+	return GD_OK;
+}
+
 static int check_maps(const struct gd_plan *plan, struct gd_err *err)
 {
 	const struct gd_render_conf *c = plan->conf;
@@ -113,6 +126,8 @@ static int check(const struct gd_plan *plan, struct gd_err *err)
 	if (c->reuse && c->path.ambient > 0)	/* it would become part of the colour */
 		return gd_fail(err, GD_EARG, "ambient light is for the gradients alone: the colour "
 			       "cannot reuse their offset paths");
+	if (c->pairs && check_reach(c->pairs, err) != GD_OK)
+		return GD_EARG;
 	return check_maps(plan, err);
 }
 

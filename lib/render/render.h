@@ -22,7 +22,8 @@
  * as it has. If no pixel has two samples there are no variances.
  *
  * Sample i lies at the same position in every pixel, one of a sequence that fills the pixel evenly
- * in each bin and half; the sequences of the halves are independent. With a pinhole, offset paths
+ * in each bin and half (all of them; those that trace offset paths need not, if they are few); the
+ * sequences of the halves are independent. With a pinhole, offset paths
  * then begin at the first vertices that the base paths of their pixels have found, for no ray of
  * their own.
  *

@@ -615,6 +615,7 @@ static void refused(struct gd_render_conf conf, int code, const char *words)
 static void test_refused(void **state)
 {
 	struct gd_render_conf conf = usual();
+	struct gd_pairs pairs = chessboard(W, H);
 	struct maps m = uneven(W, H, true);
 
 	(void)state;
@@ -636,9 +637,14 @@ static void test_refused(void **state)
 	conf.crop.x0 = 1;
 	refused(conf, GD_EARG, "not 23 x 17");
 	conf = usual();
+	conf.pairs = &pairs;
+	pairs.dy[1][2 * W + 3] = -3;
+	refused(conf, GD_EARG, "pair1 is 2,-3 at pixel 3,2: expected no more than 2");
+	conf = usual();
 	conf.w = conf.h = 65536;
 	conf.crop.x1 = conf.crop.y1 = 65535;
 	refused(conf, GD_ENOMEM, "GB");
+	free_chessboard(&pairs);
 	free_maps(&m);
 }
 
